@@ -1,0 +1,1 @@
+"""Control-basis-function model predictive control (CBF: control *basis* function)."""

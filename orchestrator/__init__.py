@@ -1,0 +1,1 @@
+"""Couple components by co-simulation, on exact time, and record every signal."""

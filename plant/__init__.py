@@ -1,0 +1,1 @@
+"""Plants: helicopters, terrain, terrain sensor and wind."""
