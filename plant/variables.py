@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 Causality = Literal["input", "output", "parameter", "local"]
@@ -91,6 +92,13 @@ def parameter_variables(record: Any, tunable: Sequence[str] = ()) -> list[Variab
             )
         )
     return rows
+
+
+def unknown(name: str, known: Iterable[str]) -> KeyError:
+    """Return the error for a name that a component does not have, with the nearest that it has."""
+    near = get_close_matches(name, list(known), n=1)
+    hint = f", did you mean {near[0]!r}?" if near else ""
+    return KeyError(f"unknown variable {name!r}{hint}")
 
 
 def _belongs(name: str, group: str) -> bool:

@@ -1,0 +1,265 @@
+"""The lateral offset from the course: least terrain gradient through a corridor, then smoothed.
+
+The paper asks for "a spline that elicits the lowest gradient over the prediction horizon" between
+way-points (section III) and does not say how. Ours, after the dynamic programming of NASA's terrain
+following / terrain avoidance guidance: stations every KNOT_M, offsets every LANE_M, and
+
+    min sum_k [ (dh_k / dd_k)^2 + w_t (dl_k / ds)^2 + w_l (l_k / W)^2 + w_h (h_k - h_0) ] dd_k
+    dd_k = hypot(ds, dl_k),   |dl_k| <= 2 lanes
+
+solved exactly on the grid, then a smoothing spline through its stations.
+
+Offset and altitude are both uniform cubic B-splines over the station s: on span i, where s is
+KNOT_M (i + t) with 0 <= t <= 1, the value is sum_a w_a(t) c[i + a], a = 0..3. Coefficients that are
+kept keep position, slope and curvature continuous for whatever is planned after them.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.course import Course, position
+from controller.jit import kernel
+from controller.terrain_map import TerrainMap, height_and_slope
+
+Array = NDArray[np.float64]
+Weights = tuple[float, float, float, float]
+
+KNOT_M = 20.0
+LANE_M = 5.0
+STATIONS = 60
+# smoothing lambda (m^4) of the offsets; doubled until the curvature is within its limit
+SMOOTHING, DOUBLINGS = 6e6, 12
+OUTSIDE = 1.0  # cost of a lane outside the corridor: above any gradient, below "not sensed"
+
+
+@kernel()
+def weights(t: float) -> Weights:
+    """Return the B-spline weights of the four coefficients of a span at t in [0, 1]."""
+    r = 1.0 - t
+    return (
+        r * r * r / 6.0,
+        (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+        (4.0 - 6.0 * r * r + 3.0 * r * r * r) / 6.0,
+        t * t * t / 6.0,
+    )
+
+
+@kernel()
+def slope_weights(t: float) -> Weights:
+    """Return the weights of the first derivative by s (1/m)."""
+    r = 1.0 - t
+    k = 0.5 / KNOT_M
+    return (-r * r * k, (3.0 * t * t - 4.0 * t) * k, (4.0 * r - 3.0 * r * r) * k, t * t * k)
+
+
+@kernel()
+def curvature_weights(t: float) -> Weights:
+    """Return the weights of the second derivative by s (1/m^2)."""
+    r = 1.0 - t
+    k = 1.0 / KNOT_M**2
+    return (r * k, (3.0 * t - 2.0) * k, (3.0 * r - 2.0) * k, t * k)
+
+
+@kernel()
+def evaluate(coefficients: Array, span: int, w: Weights) -> float:
+    """Return sum_a w_a c[span + a]."""
+    c = coefficients
+    return w[0] * c[span] + w[1] * c[span + 1] + w[2] * c[span + 2] + w[3] * c[span + 3]
+
+
+@kernel()
+def normal_equations(
+    kept: Array, values: Array, per_span: int, smoothing: float
+) -> tuple[Array, Array]:
+    """Return H (n, n), f (n,) of min 1/2 c'Hc + f'c: integral of (z - value)^2 + lambda z''^2.
+
+    ``values`` (spans * per_span + 1,) are even samples, NaN where there is nothing to fit;
+    ``kept`` (m,) are the first m of the spans + 3 coefficients, c the n others.
+    """
+    spans = (values.size - 1) // per_span
+    H = np.zeros((spans + 3, spans + 3))
+    f = np.zeros(spans + 3)
+    step = KNOT_M / per_span
+    for k in range(values.size):
+        if np.isnan(values[k]):
+            continue
+        i = min(k // per_span, spans - 1)
+        w = weights(k / per_span - i)
+        for a in range(4):
+            f[i + a] -= step * w[a] * values[k]
+            for b in range(4):
+                H[i + a, i + b] += step * w[a] * w[b]
+    # z''^2 is quadratic on a span, so Simpson's rule is exact
+    for t, share in ((0.0, 1.0 / 6.0), (0.5, 4.0 / 6.0), (1.0, 1.0 / 6.0)):
+        w = curvature_weights(t)
+        for i in range(spans):
+            for a in range(4):
+                for b in range(4):
+                    H[i + a, i + b] += smoothing * KNOT_M * share * w[a] * w[b]
+    m = kept.size
+    for i in range(m, spans + 3):
+        for a in range(m):
+            f[i] += H[i, a] * kept[a]
+    return H[m:, m:].copy(), f[m:].copy()
+
+
+@kernel()
+def hold(coefficients: Array, number: int, low: float, high: float, curvature: float) -> Array:
+    """Return coefficients with ``number`` more: the slope moves into [low, high] and stays there.
+
+    It changes by at most ``curvature`` (1/m^2) times the distance.
+    """
+    n = coefficients.size
+    out = np.empty(n + number)
+    out[:n] = coefficients
+    for k in range(n, n + number):
+        step = out[k - 1] - out[k - 2]
+        change = curvature * KNOT_M**2
+        target = min(max(step, low * KNOT_M), high * KNOT_M)
+        out[k] = out[k - 1] + min(max(target, step - change), step + change)
+    return out
+
+
+def half_width(course: Course, corridor_m: float, narrowing: float = 0.25) -> Array:
+    """Return the corridor's half width W (m) at every course sample, (K,).
+
+    It is 0 where the course turns, since the arcs already use the whole bank angle, before the
+    start and beyond the goal, and narrows towards these by ``narrowing`` metres per metre.
+    """
+    station = course.first + np.arange(course.north.size)
+    closed = (course.curvature != 0) | (station <= 0) | (station >= course.goal)
+    width = np.where(closed, 0.0, corridor_m)
+    ramp = narrowing * station
+    ahead = np.minimum.accumulate((width + ramp)[::-1])[::-1] - ramp
+    return np.minimum(ahead, np.minimum.accumulate(width - ramp) + ramp)
+
+
+def plan_offsets(
+    terrain_map: TerrainMap,
+    course: Course,
+    width: Array,
+    knot: int,
+    kept: Array,
+    curvature_max: float,
+    valley_weight: float = 0.0,
+) -> Array:
+    """Return the offset coefficients (spans,) that follow ``kept`` (3,), over sensed terrain.
+
+    ``kept`` fixes offset, slope and curvature at station knot * KNOT_M; ``width`` is from
+    :func:`half_width`; the path's curvature stays within ``curvature_max`` (1/m) where ``kept``
+    allows it. ``valley_weight`` is w_h (1/m): above 0 seeks low ground.
+    """
+    start = (kept[0] + 4 * kept[1] + kept[2]) / 6
+    slope = (kept[2] - kept[0]) / (2 * KNOT_M)
+    offsets = least_gradient(
+        terrain_map, course, width, knot * KNOT_M, start, slope, valley_weight=valley_weight
+    )
+    if offsets.size < 2:
+        return np.empty(0)
+    new = np.empty(0)
+    for doubling in range(DOUBLINGS):
+        H, f = normal_equations(kept, offsets, 1, SMOOTHING * 2.0**doubling)
+        new = np.linalg.solve(H, -f)
+        bend = np.diff(np.concatenate((kept[1:], new)), n=2) / KNOT_M**2
+        if np.abs(bend).max() <= curvature_max:
+            break
+    return new
+
+
+def least_gradient(
+    terrain_map: TerrainMap,
+    course: Course,
+    width: Array,
+    station: float,
+    offset: float,
+    slope: float,
+    tangent_weight: float = 0.02,
+    offset_weight: float = 1e-3,
+    valley_weight: float = 0.0,
+) -> Array:
+    """Return the offsets (K,) of least cost at stations KNOT_M apart, the first one given.
+
+    The path reaches as far as sensed terrain allows, at most STATIONS steps; K = 1 if nowhere. The
+    first step also stays within a lane of the given slope. ``offset_weight``, the only departure
+    from the paper's pure gradient, lets the path drift back to the course where ground is flat.
+    """
+    lanes = int(width.max() // LANE_M)
+    return _viterbi(
+        terrain_map,
+        course,
+        width,
+        station,
+        offset,
+        slope,
+        lanes,
+        tangent_weight,
+        offset_weight / max(float(width.max()), LANE_M) ** 2,
+        valley_weight,
+    )
+
+
+@kernel()
+def _viterbi(
+    terrain_map: TerrainMap,
+    course: Course,
+    width: Array,
+    station: float,
+    offset: float,
+    slope: float,
+    lanes: int,
+    w_t: float,
+    w_l: float,
+    w_h: float,
+) -> Array:
+    n = 2 * lanes + 1
+    lane = LANE_M * np.arange(-lanes, lanes + 1)
+    parent = np.zeros((STATIONS + 1, n), np.int64)
+    cost, h = np.full(n, np.inf), np.full(n, np.nan)
+    north, east = position(course, station, offset)
+    h_0 = height_and_slope(terrain_map, north, east)[0]
+    datum, reached = h_0, 0
+    for k in range(1, STATIONS + 1):
+        s = station + k * KNOT_M
+        W = width[min(max(int(s - course.first), 0), width.size - 1)]
+        new_cost, new_h = np.full(n, np.inf), np.full(n, np.nan)
+        for j in range(n):
+            # the nearest lanes first: of equal costs the straightest step wins
+            for step in (0, -1, 1, -2, 2):
+                i = j + step
+                paid, l, h_l = 0.0, offset, h_0
+                if k == 1:
+                    dl = lane[j] - offset
+                    if step or abs(dl) > 2 * LANE_M or abs(dl - slope * KNOT_M) > LANE_M:
+                        continue
+                elif 0 <= i < n and np.isfinite(cost[i]):
+                    paid, l, h_l = cost[i], lane[i], h[i]
+                else:
+                    continue
+                if np.isnan(new_h[j]):
+                    north, east = position(course, s, lane[j])
+                    new_h[j] = height_and_slope(terrain_map, north, east)[0]
+                datum = new_h[j] if np.isnan(datum) else datum
+                dd = np.hypot(KNOT_M, lane[j] - l)
+                gradient = 0.0 if np.isnan(h_l) else (new_h[j] - h_l) / dd
+                tangent = (lane[j] - l) / KNOT_M
+                outside = max(abs(lane[j]) - W, 0.0) / LANE_M
+                total = paid + dd * (
+                    gradient * gradient
+                    + w_t * tangent * tangent
+                    + w_l * lane[j] * lane[j]
+                    + w_h * (new_h[j] - datum)
+                    + OUTSIDE * outside * outside
+                )
+                # not sensed is not a number, and never less
+                if total < new_cost[j]:
+                    new_cost[j], parent[k, j] = total, i
+        if not np.isfinite(new_cost).any():
+            break
+        cost, h, reached = new_cost, new_h, k
+    offsets = np.empty(reached + 1)
+    offsets[0] = offset
+    j = int(np.argmin(cost))
+    for k in range(reached, 0, -1):
+        offsets[k] = lane[j]
+        j = parent[k, j]
+    return offsets

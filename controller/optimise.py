@@ -1,0 +1,178 @@
+"""One pass of the control-basis-function optimisation: linearise, solve, search the line.
+
+Everything here is a pure function of the state, the nominal command and the reference.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller import qp
+from controller.prediction import Floats, PredictionModel, Response, identify
+from controller.solvers import Backend, Solution, solve_with_fallback
+from controller.terrain_map import TerrainMap, heights
+from controller.tracking import Path, Targets, Weights, costs, targets
+
+TRACKED = ("north", "east", "altitude", "heading", "speed", "roll", "pitch")
+ACTUATORS = ("actuator_thrust", "actuator_pitch", "actuator_roll", "actuator_tail")
+VELOCITY = ("velocity_north", "velocity_east", "velocity_down")
+STEPS = (1.0, 0.5, 0.25, 0.1)
+"""Step lengths tried besides 0, which is the shifted plan itself."""
+ATTITUDE_EVERY = 4  # samples between attitude and clearance rows
+
+
+@dataclass(frozen=True)
+class Design:
+    """What stays the same from update to update, for one horizon.
+
+    Attributes
+    ----------
+    model : PredictionModel
+    Phi : ndarray, shape (4, H, m)
+        Orthonormal basis columns of every channel.
+    amplitude : ndarray, shape (4,)
+        Perturbations for the identification.
+    wind : ndarray, shape (3,)
+        Known steady wind, m/s, NED.
+    backend : str
+        Solver of the quadratic programme.
+    line_search : bool
+        False takes the full step (it departs: for studies only).
+    """
+
+    model: PredictionModel
+    Phi: Floats
+    amplitude: Floats
+    wind: Floats
+    backend: Backend = "daqp"
+    line_search: bool = True
+    steps: tuple[float, ...] = STEPS
+
+    @cached_property
+    def rows(self) -> NDArray[np.int64]:
+        """Rows of the tracked outputs and the actuators among the model's outputs."""
+        return np.array([self.model.outputs.index(name) for name in (*TRACKED, *ACTUATORS)])
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What one update wants: the reference and the trims that R and Rc pull to."""
+
+    path: Path
+    near: float
+    heading: float
+    actuators: Floats
+    commands: Floats
+    weights: Weights
+    terrain_map: TerrainMap
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Outcome of one pass.
+
+    ``u`` (H, 4) and its rollout ``Y`` (p, H); costs before and after and as the linear model promised;
+    ``step`` the accepted length; ``solution`` of the quadratic programme, None if there was none.
+    """
+
+    u: Floats
+    Y: Floats
+    before: float
+    after: float
+    linear: float
+    step: float
+    slack: float
+    valid: bool
+    solution: Solution | None
+
+
+def quadratic_programme(
+    response: Response,
+    rows: NDArray[np.int64],
+    u0: Floats,
+    aim: Aim,
+    target: Targets,
+    model: PredictionModel,
+) -> qp.QPData:
+    """Assemble eq. 7 with its limits from an identified response.
+
+    Hard: actuators at every sample; attitude at every fourth. Soft: clearance over the sensed terrain.
+    """
+    weights = aim.weights
+    y0, S = response.nominal[rows], response.S[rows]
+    station = target.tangent_north[:, None] * S[0] + target.tangent_east[:, None] * S[1]
+    altitude = S[2].copy()
+    S[2] -= target.slope[:, None] * station
+    wanted = np.stack([target.north, target.east, target.altitude, target.heading, target.speed])
+    actuators, commands = aim.actuators[:, None], aim.commands
+    terms = [
+        qp.Term(S[:5], y0[:5] - wanted, np.array(weights.Q)),
+        qp.Term(S[7:], y0[7:] - actuators, np.array(weights.R)),
+        qp.Term(response.Phi, u0.T - commands, np.array(weights.Rc)),
+    ]
+    hard = [
+        qp.bounds(S[7:], y0[7:], model.actuator_min, model.actuator_max),
+        qp.bounds(S[5:7], y0[5:7], -weights.attitude_limit, weights.attitude_limit, ATTITUDE_EVERY),
+    ]
+    chosen = slice(ATTITUDE_EVERY - 1, None, ATTITUDE_EVERY)
+    h, h_n, h_e = heights(aim.terrain_map, y0[0, chosen], y0[1, chosen])
+    seen = np.isfinite(h)
+    soft = qp.clearance(
+        np.stack([S[0, chosen], S[1, chosen], -altitude[chosen]])[:, seen],
+        (y0[2, chosen] - h)[seen],
+        h_n[seen],
+        h_e[seen],
+        weights.clearance,
+    )
+    return qp.assemble(terms, hard, soft, rho1=weights.rho1, rho2=weights.rho2)
+
+
+def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) -> Pass:
+    """Improve a nominal command by one linearise-solve-search pass.
+
+    The accepted merit is never above that of ``u0``: the length 0 is among the candidates.
+
+    Parameters
+    ----------
+    state : (n,)
+        Where the plan starts.
+    u0 : (H, 4)
+        Nominal command: the shifted plan.
+    bias : (3,)
+        Acceleration bias, m/s2, NED.
+    """
+    model, rows = design.model, design.rows
+    response = identify(model, state, u0, design.Phi, design.amplitude, design.wind, bias)
+    Y0 = response.nominal
+    if not (response.valid and np.all(np.isfinite(Y0)) and np.all(np.isfinite(response.S))):
+        return Pass(u0, Y0, np.inf, np.inf, np.inf, 0.0, 0.0, False, None)
+    period = model.sample_period
+    target = targets(aim.path, Y0[rows[0]], Y0[rows[1]], aim.near, period, aim.heading)
+    data = quadratic_programme(response, rows, u0, aim, target, model)
+    solution = solve_with_fallback(data, design.backend)
+    change = (response.Phi @ solution.alpha).T
+    lengths = design.steps if design.line_search else (1.0,)
+    candidates = np.clip(
+        u0 + np.array(lengths)[:, None, None] * change, model.command_min, model.command_max
+    )
+    rollout = model.rollout(state, candidates, design.wind, bias)
+    Y = np.concatenate([rollout.outputs, Y0.T[None]]).transpose(2, 1, 0)
+    flown = np.concatenate([candidates, u0[None]])
+    J, slack, merit = costs(Y, rows, flown, target, aim.actuators, aim.commands, aim.path,
+                            aim.weights, aim.terrain_map, ATTITUDE_EVERY)  # fmt: skip
+    merit[:-1][~rollout.valid] = np.inf
+    merit[~np.isfinite(merit)] = np.inf
+    best = int(np.argmin(merit)) if design.line_search else 0
+    return Pass(
+        u=flown[best],
+        Y=np.ascontiguousarray(Y[:, :, best]),
+        before=float(merit[-1]),
+        after=float(merit[best]),
+        linear=qp.predicted_cost(data, solution.alpha),
+        step=float((*lengths, 0.0)[best]),
+        slack=float(slack[best]),
+        valid=bool(np.isfinite(merit[best])),
+        solution=solution,
+    )

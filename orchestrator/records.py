@@ -1,0 +1,108 @@
+"""A scenario as frozen records: what the loader makes of YAML and the orchestrator runs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+
+@dataclass(frozen=True)
+class ResourceSpec:
+    """A shared object, made once and referred to as ``${name}`` in components' parameters."""
+
+    name: str
+    use: str
+    parameters: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+@dataclass(frozen=True)
+class ComponentSpec:
+    """One component: what to make, how often it runs, and what happens when it fails.
+
+    Attributes
+    ----------
+    use : str
+        ``module:attribute``, the name of an entry point, or a file.
+    rate_hz : float or None
+        Steps per simulated second; None takes the component's own preference.
+    latency_s : float
+        Sampled components: from the release, when inputs are read, to the outputs' validity, s.
+    deadline_s : float or None
+        Wall-clock time one step may take, s; None supervises nothing.
+    on_discard, on_error, on_nonfinite, on_overrun : str
+        Policy for a refused step, a failed step or an exception, a NaN or infinite output, and a
+        step that took longer than ``deadline_s``. ``hold`` keeps the last outputs and flies on.
+    """
+
+    name: str
+    use: str
+    rate_hz: float | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    latency_s: float = 0.0
+    deadline_s: float | None = None
+    on_discard: Literal["end", "hold", "retry"] = "end"
+    on_error: Literal["end", "hold"] = "end"
+    on_nonfinite: Literal["end", "hold"] = "end"
+    on_overrun: Literal["log", "hold", "end"] = "log"
+
+
+@dataclass(frozen=True)
+class ConnectionSpec:
+    """``start -> end``, each ``component.variable`` or ``component.group``; delayed by s."""
+
+    start: str
+    end: str
+    delay_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class EventSpec:
+    """At ``at_s`` (s), set an unconnected input or tunable parameter ``component.variable``."""
+
+    at_s: float
+    set: str
+    value: Any
+
+
+@dataclass(frozen=True)
+class RecordingSpec:
+    """What a recording holds beyond the simulated signals."""
+
+    wall_clock: bool = True
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A whole run.
+
+    Attributes
+    ----------
+    duration_s, settle_s : float
+        Simulated time, and how much of its beginning the tracking figures leave out, s.
+    seed : int
+        Every component draws its own seed from this one and its name.
+    scene : mapping
+        Role (``pose``, ``clearance``, ``plan``, ...) to ``component.group``; for viewers, metrics.
+    end_on : tuple of str
+        Enumeration outputs; the run ends where one is not 0, with that item's text as outcome.
+    folder : Path
+        Where files are looked up first.
+    origins : mapping
+        Path through the keys to ``file:line:column``.
+    """
+
+    title: str
+    duration_s: float
+    settle_s: float = 2.0
+    seed: int = 0
+    resources: tuple[ResourceSpec, ...] = ()
+    components: tuple[ComponentSpec, ...] = ()
+    connections: tuple[ConnectionSpec, ...] = ()
+    events: tuple[EventSpec, ...] = ()
+    scene: Mapping[str, str] = field(default_factory=dict[str, str])
+    end_on: tuple[str, ...] = ()
+    recording: RecordingSpec = RecordingSpec()
+    folder: Path = Path()
+    origins: Mapping[tuple[str | int, ...], str] = field(
+        default_factory=dict[tuple[str | int, ...], str]
+    )
