@@ -38,11 +38,6 @@ def _unit_time(horizon: int) -> Array:
     return np.linspace(0.0, 1.0, horizon)
 
 
-def _blocks(horizon: int, count: int) -> NDArray[np.intp]:
-    """Return the number of the interval that each sample belongs to: ``count`` equal intervals."""
-    return np.arange(horizon) * count // horizon
-
-
 def laguerre(horizon: int, count: int, *, sample_period: float, time: Time = "seconds") -> Array:
     r"""Return the Laguerre polynomials b_0 .. b_{n-1} of eq. 2.4.
 
@@ -120,7 +115,7 @@ def ramp(horizon: int, count: int) -> Array:
 
 def box(horizon: int, count: int) -> Array:
     """Return boxes, 1 on interval i of n equal intervals (move blocking), shape (H, n_b)."""
-    return np.eye(count)[_blocks(horizon, count)]
+    return np.eye(count)[np.arange(horizon) * count // horizon]
 
 
 def bspline(horizon: int, count: int) -> Array:

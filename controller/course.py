@@ -35,6 +35,34 @@ class Course(NamedTuple):
     curvature: Array
 
 
+class Path(NamedTuple):
+    """The reference at even stations, ``spacing`` metres apart from ``start`` on, arrays (K,).
+
+    North, east and altitude in metres; heading of the path (rad, unwrapped), offset included; speed
+    along the path in m/s; slope dz/ds.
+    """
+
+    start: float
+    spacing: float
+    north: Array
+    east: Array
+    altitude: Array
+    heading: Array
+    speed: Array
+    slope: Array
+
+
+class Samples(NamedTuple):
+    """The reference at given stations, arrays (K,), as in :class:`Path`."""
+
+    north: Array
+    east: Array
+    altitude: Array
+    heading: Array
+    speed: Array
+    slope: Array
+
+
 def turn_radius(speed_mps: float, bank_deg: float) -> float:
     """Return the radius (m) of a level turn, V^2 / (g tan(bank))."""
     return speed_mps**2 / (STANDARD_GRAVITY * math.tan(math.radians(bank_deg)))
@@ -145,3 +173,51 @@ def position(course: Course, station: float, offset: float) -> tuple[float, floa
     north = course.north[k] + t * (course.north[k + 1] - course.north[k])
     east = course.east[k] + t * (course.east[k + 1] - course.east[k])
     return north - offset * np.sin(heading), east + offset * np.cos(heading)
+
+
+@kernel()
+def _between(path: Path, station: float) -> tuple[int, float]:
+    k = min(max(int(np.floor(station - path.start)), 0), path.north.size - 2)
+    return k, station - path.start - k
+
+
+@kernel()
+def sample_path(path: Path, stations: Array) -> Samples:
+    """Return the samples at stations (K,), linear between metres; held straight at the ends."""
+    n = stations.size
+    out = np.empty((6, n))
+    for m in range(n):
+        k, t = _between(path, stations[m])
+        inside = min(max(t, 0.0), 1.0)
+        out[0, m] = path.north[k] + t * (path.north[k + 1] - path.north[k])
+        out[1, m] = path.east[k] + t * (path.east[k + 1] - path.east[k])
+        out[2, m] = path.altitude[k] + t * (path.altitude[k + 1] - path.altitude[k])
+        out[3, m] = path.heading[k] + inside * (path.heading[k + 1] - path.heading[k])
+        out[4, m] = path.speed[k] + inside * (path.speed[k + 1] - path.speed[k])
+        out[5, m] = path.slope[k] + inside * (path.slope[k + 1] - path.slope[k])
+    return Samples(out[0], out[1], out[2], out[3], out[4], out[5])
+
+
+@kernel()
+def project_path(path: Path, north: float, east: float, near: float) -> float:
+    """Return the station of the path's point nearest to a position, searched from ``near``.
+
+    The search walks along the path while it comes nearer, so it does not jump to another leg that
+    passes close by. The ends are held straight, as in :func:`sample_path`.
+    """
+    k, _ = _between(path, near)
+    walked = 0
+    while True:
+        d_north, d_east = path.north[k + 1] - path.north[k], path.east[k + 1] - path.east[k]
+        length = d_north * d_north + d_east * d_east
+        t = ((north - path.north[k]) * d_north + (east - path.east[k]) * d_east) / length
+        if t > 1.0 and k < path.north.size - 2 and walked >= 0:
+            k, walked = k + 1, 1
+        elif t < 0.0 and k > 0 and walked <= 0:
+            k, walked = k - 1, -1
+        else:
+            break
+    # a walk that would turn back has passed the nearest point: it is the corner between
+    if (walked > 0 and t < 0.0) or (walked < 0 and t > 1.0):
+        t = min(max(t, 0.0), 1.0)
+    return path.start + k + t

@@ -26,10 +26,12 @@ Weights = tuple[float, float, float, float]
 
 KNOT_M = 20.0
 LANE_M = 5.0
-STATIONS = 60
-# smoothing lambda (m^4) of the offsets; doubled until the curvature is within its limit
+STATIONS = 25
+NARROWING, SETTLING_M = 0.25, 60.0
+# costs per metre, above any squared gradient: of not knowing it, and of a lane outside the corridor
+UNSENSED, OUTSIDE = 0.5, 1.0
+# lambda (m^4) of the offsets, doubled until the curvature is within its limit
 SMOOTHING, DOUBLINGS = 6e6, 12
-OUTSIDE = 1.0  # cost of a lane outside the corridor: above any gradient, below "not sensed"
 
 
 @kernel()
@@ -120,18 +122,19 @@ def hold(coefficients: Array, number: int, low: float, high: float, curvature: f
     return out
 
 
-def half_width(course: Course, corridor_m: float, narrowing: float = 0.25) -> Array:
+def half_width(course: Course, corridor_m: float) -> Array:
     """Return the corridor's half width W (m) at every course sample, (K,).
 
     It is 0 where the course turns, since the arcs already use the whole bank angle, before the
-    start and beyond the goal, and narrows towards these by ``narrowing`` metres per metre.
+    start and beyond the goal. It narrows towards these by NARROWING metres per metre, and is closed
+    SETTLING_M before them.
     """
     station = course.first + np.arange(course.north.size)
     closed = (course.curvature != 0) | (station <= 0) | (station >= course.goal)
-    width = np.where(closed, 0.0, corridor_m)
-    ramp = narrowing * station
+    width = np.where(closed, -NARROWING * SETTLING_M, corridor_m)
+    ramp = NARROWING * station
     ahead = np.minimum.accumulate((width + ramp)[::-1])[::-1] - ramp
-    return np.minimum(ahead, np.minimum.accumulate(width - ramp) + ramp)
+    return np.maximum(np.minimum(ahead, np.minimum.accumulate(width - ramp) + ramp), 0.0)
 
 
 def plan_offsets(
@@ -154,8 +157,6 @@ def plan_offsets(
     offsets = least_gradient(
         terrain_map, course, width, knot * KNOT_M, start, slope, valley_weight=valley_weight
     )
-    if offsets.size < 2:
-        return np.empty(0)
     new = np.empty(0)
     for doubling in range(DOUBLINGS):
         H, f = normal_equations(kept, offsets, 1, SMOOTHING * 2.0**doubling)
@@ -179,11 +180,11 @@ def least_gradient(
 ) -> Array:
     """Return the offsets (K,) of least cost at stations KNOT_M apart, the first one given.
 
-    The path reaches as far as sensed terrain allows, at most STATIONS steps; K = 1 if nowhere. The
-    first step also stays within a lane of the given slope. ``offset_weight``, the only departure
-    from the paper's pure gradient, lets the path drift back to the course where ground is flat.
+    The first step stays within a lane of the given slope. Leaving the corridor costs OUTSIDE a
+    lane; leaving the sensed terrain UNSENSED, so that beyond it the path still obeys the corridor.
+    ``offset_weight``, small against any gradient, lets it drift back over flat ground.
     """
-    lanes = int(width.max() // LANE_M)
+    lanes = int(max(float(width.max()), abs(offset)) // LANE_M) + 1
     return _viterbi(
         terrain_map,
         course,
@@ -217,49 +218,37 @@ def _viterbi(
     cost, h = np.full(n, np.inf), np.full(n, np.nan)
     north, east = position(course, station, offset)
     h_0 = height_and_slope(terrain_map, north, east)[0]
-    datum, reached = h_0, 0
+    datum = 0.0 if np.isnan(h_0) else h_0
     for k in range(1, STATIONS + 1):
         s = station + k * KNOT_M
         W = width[min(max(int(s - course.first), 0), width.size - 1)]
         new_cost, new_h = np.full(n, np.inf), np.full(n, np.nan)
         for j in range(n):
+            north, east = position(course, s, lane[j])
+            new_h[j] = height_and_slope(terrain_map, north, east)[0]
+            outside = max(abs(lane[j]) - W, 0.0) / LANE_M
+            here = w_l * lane[j] * lane[j] + OUTSIDE * outside * outside
+            here += UNSENSED if np.isnan(new_h[j]) else w_h * (new_h[j] - datum)
             # the nearest lanes first: of equal costs the straightest step wins
             for step in (0, -1, 1, -2, 2):
                 i = j + step
                 paid, l, h_l = 0.0, offset, h_0
-                if k == 1:
-                    dl = lane[j] - offset
-                    if step or abs(dl) > 2 * LANE_M or abs(dl - slope * KNOT_M) > LANE_M:
-                        continue
-                elif 0 <= i < n and np.isfinite(cost[i]):
+                if k > 1 and 0 <= i < n and np.isfinite(cost[i]):
                     paid, l, h_l = cost[i], lane[i], h[i]
-                else:
+                elif k > 1 or step or abs(lane[j] - offset - slope * KNOT_M) > LANE_M:
                     continue
-                if np.isnan(new_h[j]):
-                    north, east = position(course, s, lane[j])
-                    new_h[j] = height_and_slope(terrain_map, north, east)[0]
-                datum = new_h[j] if np.isnan(datum) else datum
                 dd = np.hypot(KNOT_M, lane[j] - l)
-                gradient = 0.0 if np.isnan(h_l) else (new_h[j] - h_l) / dd
+                gradient = (new_h[j] - h_l) / dd
+                gradient = 0.0 if np.isnan(gradient) else gradient
                 tangent = (lane[j] - l) / KNOT_M
-                outside = max(abs(lane[j]) - W, 0.0) / LANE_M
-                total = paid + dd * (
-                    gradient * gradient
-                    + w_t * tangent * tangent
-                    + w_l * lane[j] * lane[j]
-                    + w_h * (new_h[j] - datum)
-                    + OUTSIDE * outside * outside
-                )
-                # not sensed is not a number, and never less
+                total = paid + dd * (gradient * gradient + w_t * tangent * tangent + here)
                 if total < new_cost[j]:
                     new_cost[j], parent[k, j] = total, i
-        if not np.isfinite(new_cost).any():
-            break
-        cost, h, reached = new_cost, new_h, k
-    offsets = np.empty(reached + 1)
+        cost, h = new_cost, new_h
+    offsets = np.empty(STATIONS + 1)
     offsets[0] = offset
     j = int(np.argmin(cost))
-    for k in range(reached, 0, -1):
+    for k in range(STATIONS, 0, -1):
         offsets[k] = lane[j]
         j = parent[k, j]
     return offsets

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from controller import qp
 from controller.prediction import Floats, PredictionModel, Response, identify
-from controller.solvers import Backend, Solution, solve_with_fallback
+from controller.solvers import Solution, solve_with_fallback
 from controller.terrain_map import TerrainMap, heights
-from controller.tracking import Path, Targets, Weights, costs, targets
+from controller.reference import Path
+from controller.tracking import Targets, Weights, costs, targets
 
 TRACKED = ("north", "east", "altitude", "heading", "speed", "roll", "pitch")
 ACTUATORS = ("actuator_thrust", "actuator_pitch", "actuator_roll", "actuator_tail")
@@ -46,7 +47,7 @@ class Design:
     Phi: Floats
     amplitude: Floats
     wind: Floats
-    backend: Backend = "daqp"
+    backend: str = "daqp"
     line_search: bool = True
     steps: tuple[float, ...] = STEPS
 

@@ -93,10 +93,12 @@ def plan_altitude(
     A, lower, upper, sense = _rows(
         kept, np.minimum(floor + TIGHTENING_M, cap), up, down, limits.slope
     )
-    new, _, flag, _ = solve(H, f, A, upper, lower, sense, rho_soft=1e-4)
+    new, _, flag, _ = solve(H, f, A, upper, lower, sense, rho_soft=1e-6)
     if flag < 1 or not np.isfinite(new).all():
         return _envelope(target, kept.size), "envelope"
-    strained = bool(np.any(A @ new > upper + 1e-6) or np.any(A @ new < lower - 1e-6))
+    value, soft = A @ new, sense > 0
+    excess = np.maximum(value - upper, lower - value)[soft]
+    strained = bool(np.any(excess > (GRACE - 1) * (upper - lower)[soft] / 2))
     return new, "capped" if capped else "strained" if strained else "fitted"
 
 

@@ -28,6 +28,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+# a diverged rollout is no reason to warn here: a solver answers it with a status
+_PASS_NON_FINITE = np.errstate(invalid="ignore", over="ignore")
+
 
 @dataclass(frozen=True)
 class Term:
@@ -94,6 +97,7 @@ class QPData:
     constant: float
 
 
+@_PASS_NON_FINITE
 def bounds(
     S: Array, nominal: Array, minimum: ArrayLike, maximum: ArrayLike, every: int = 1
 ) -> Rows:
@@ -123,6 +127,7 @@ def bounds(
     return Rows(A, (low - nominal).ravel(), (high - nominal).ravel())
 
 
+@_PASS_NON_FINITE
 def clearance(
     S_position: Array,
     nominal: Array,
@@ -191,6 +196,7 @@ def _joined(hard: Sequence[Rows], m: int) -> Rows:
     return Rows(A[chosen], np.minimum(lower[chosen], 0.0), np.maximum(upper[chosen], 0.0))
 
 
+@_PASS_NON_FINITE
 def assemble(
     terms: Sequence[Term],
     hard: Sequence[Rows],
@@ -231,15 +237,14 @@ def assemble(
         raise ValueError(f"slack: weights must be positive, got rho1 {rho1} and rho2 {rho2}")
     m = terms[0].S.shape[2]
     gram, f, constant = np.zeros((m, m)), np.zeros(m), 0.0
-    with np.errstate(invalid="ignore", over="ignore"):
-        # one product per output: S and W S stay in the cache, and out of the page allocator
-        for S, e, w in chain.from_iterable(map(_weighted_outputs, terms)):
-            We = w * e
-            gram += (S * w[:, None]).T @ S
-            f += We @ S
-            constant += float(We @ e)
-        H = 0.5 * (gram + gram.T)
-        H.flat[:: m + 1] += regularisation * np.trace(H) / m
+    # one product per output: S and W S stay in the cache, and out of the page allocator
+    for S, e, w in chain.from_iterable(map(_weighted_outputs, terms)):
+        We = w * e
+        gram += (S * w[:, None]).T @ S
+        f += We @ S
+        constant += float(We @ e)
+    H = 0.5 * (gram + gram.T)
+    H.flat[:: m + 1] += regularisation * np.trace(H) / m
     rows = _joined(hard, m)
     return QPData(
         H=H,

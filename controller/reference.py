@@ -43,6 +43,7 @@ from controller.terrain_map import TerrainMap, height_and_slope
 Array = NDArray[np.float64]
 LOOK_SPANS = 60  # how far ahead terrain is looked for
 BEHIND_M = 100.0  # how much of the flown reference is kept
+FIRM_M = 60.0  # beyond this distance terrain hardly changes the plan
 GAP_CELLS = 2.5  # a longer stretch without cells ends the known terrain
 PER_SPAN = int(KNOT_M)  # path samples
 HEIGHT_CHANGE_G = 0.15  # load that a change of set height takes at most
@@ -71,33 +72,6 @@ class ReferenceParameters:
     speed_min_mps: Annotated[float, Gt(0), "speed that limits never go below"] = 5.0
     commit_s: Annotated[float, Ge(0), "flight time ahead that is never planned again"] = 2.5
     reach_m: Annotated[float, Gt(0), "distance ahead that is always defined"] = 400.0
-
-
-class Path(NamedTuple):
-    """The reference sampled every metre from station ``first``, arrays (K,).
-
-    North, east and altitude in metres; heading of the path (rad, unwrapped), offset included; speed
-    along the path in m/s; slope dz/ds.
-    """
-
-    first: float
-    north: Array
-    east: Array
-    altitude: Array
-    heading: Array
-    speed: Array
-    slope: Array
-
-
-class Samples(NamedTuple):
-    """The reference at given stations, arrays (K,), as in :class:`Path`."""
-
-    north: Array
-    east: Array
-    altitude: Array
-    heading: Array
-    speed: Array
-    slope: Array
 
 
 class Ramp(NamedTuple):
@@ -143,8 +117,8 @@ def start(
 ) -> Reference:
     """Return the first reference, over what is sensed around ``station`` on the course.
 
-    Where nothing is sensed yet it is level at ``altitude`` (m), committed to nothing, and
-    :func:`extend` starts again.
+    It starts at the aircraft's ``altitude`` (m) where the ground below is not sensed. Where nothing
+    is sensed at all it is level there, committed to nothing, and :func:`extend` starts again.
     """
     knot = floor((station - BEHIND_M / 2) / KNOT_M)
     agl, speed = parameters.height_agl_m, parameters.speed_mps
@@ -157,7 +131,9 @@ def start(
         knot=knot,
         lateral=np.zeros(3),
         altitude=np.full(3, altitude),
-        path=Path(knot * KNOT_M, *(np.array([x]) for x in (0.0, 0.0, altitude, 0.0, speed, 0.0))),
+        path=Path(
+            knot * KNOT_M, 1.0, *(np.array([x]) for x in (0.0, 0.0, altitude, 0.0, speed, 0.0))
+        ),
         known_until=station,
         origin=station,
         last_count=0,
@@ -182,12 +158,12 @@ def extend(
         z = float(path.altitude[0])
         return start(reference.course, terrain_map, new, altitude=z, station=station)
     nothing_new = terrain_map.last_count == reference.last_count and new == reference.parameters
-    if nothing_new and path.first + path.north.size - 1 >= station + new.reach_m:
+    if nothing_new and path.start + path.north.size - 1 >= station + new.reach_m:
         return reference
     ahead = new.commit_s * float(sample(reference, [station]).speed[0])
-    # beyond the sensed terrain there is nothing to commit to, but what is flown is flown
-    commit = max(station, min(station + ahead, reference.known_until))
-    knot = max(ceil(commit / KNOT_M), reference.knot)
+    # the end of the known stretch is not firm yet, but what is flown is flown
+    firm = floor((reference.known_until - FIRM_M) / KNOT_M)
+    knot = max(min(ceil((station + ahead) / KNOT_M), firm), ceil(station / KNOT_M), reference.knot)
     last = reference.first_span + reference.altitude.size - 3
     return _plan(reference, terrain_map, new, station, min(knot, last))
 
@@ -225,6 +201,9 @@ def _plan(
         samples = np.arange(spans * SAMPLES + 1)
         ground = np.pad(ground, (0, samples.size - ground.size), constant_values=np.nan)
         agl = _height(height, s_0 + SAMPLE_M * samples)
+        target = ground + agl
+        if at == 0:
+            _fill_start(target, round((station - s_0) / SAMPLE_M), float(altitude[0]))
         lowest = parameters.clearance_min_m
         clearance = 0.9 * agl if lowest is None else np.minimum(lowest, agl)
         # until something is sensed nothing is committed, and the first plan is free at its start
@@ -235,7 +214,7 @@ def _plan(
         before[:sensed] = previous[:sensed][: samples.size]
         speed = unhindered_speed(v_0, KNOT_M * np.arange(spans + 1.0), limits)
         new, status = plan_altitude(
-            ground + agl, ground + clearance, kept, before, limits, speed, parameters.smoothing_m4
+            target, ground + clearance, kept, before, limits, speed, parameters.smoothing_m4
         )
         altitude = np.concatenate((kept, new))
     end = max(known_until + BEHIND_M, station + parameters.reach_m)
@@ -262,7 +241,8 @@ def _plan(
         altitude=np.concatenate((old.altitude[spans_kept], altitude)),
         path=Path(
             first * KNOT_M,
-            *(np.concatenate((a[done], b)) for a, b in zip(old.path[1:], arrays, strict=True)),
+            1.0,
+            *(np.concatenate((a[done], b)) for a, b in zip(old.path[2:], arrays, strict=True)),
         ),
         known_until=known_until,
         origin=old.origin,
@@ -294,6 +274,20 @@ def _ramp(station: float, before: float, parameters: ReferenceParameters) -> Ram
 def _height(ramp: Ramp, station: ArrayLike) -> Array:
     t = np.clip((np.asarray(station) - ramp.station) / max(ramp.length, 1.0), 0.0, 1.0)
     return ramp.before + (ramp.after - ramp.before) * t * t * (3 - 2 * t)
+
+
+def _fill_start(target: Array, start: int, altitude: float) -> None:
+    """Fill the samples before the first sensed one: no forward sensor sees the ground at the start.
+
+    They lie on the parabola through the aircraft's altitude at ``start`` and two sensed samples; a
+    fit that ends in nothing would be off by z'' sqrt(lambda) there, half a metre and more.
+    """
+    sensed = np.flatnonzero(np.isfinite(target))
+    first = sensed[0]
+    x = np.array([start, first, min(first + SAMPLES, sensed[-1])])
+    if start < x[1] < x[2]:
+        before = np.arange(first)
+        target[:first] = np.polyval(np.polyfit(x, [altitude, *target[x[1:]]], 2), before)
 
 
 @kernel()
@@ -350,69 +344,6 @@ def _trace(
     return out[0], out[1], out[2], out[3], out[4], out[5], out[6]
 
 
-@kernel()
-def _between(path: Path, station: float) -> tuple[int, float]:
-    k = min(max(int(np.floor(station - path.first)), 0), path.north.size - 2)
-    return k, station - path.first - k
-
-
-@kernel()
-def sample_path(path: Path, stations: Array) -> Samples:
-    """Return the samples at stations (K,), linear between metres; held straight at the ends."""
-    n = stations.size
-    out = np.empty((6, n))
-    for m in range(n):
-        k, t = _between(path, stations[m])
-        inside = min(max(t, 0.0), 1.0)
-        out[0, m] = path.north[k] + t * (path.north[k + 1] - path.north[k])
-        out[1, m] = path.east[k] + t * (path.east[k + 1] - path.east[k])
-        out[2, m] = path.altitude[k] + t * (path.altitude[k + 1] - path.altitude[k])
-        out[3, m] = path.heading[k] + inside * (path.heading[k + 1] - path.heading[k])
-        out[4, m] = path.speed[k] + inside * (path.speed[k + 1] - path.speed[k])
-        out[5, m] = path.slope[k] + inside * (path.slope[k + 1] - path.slope[k])
-    return Samples(out[0], out[1], out[2], out[3], out[4], out[5])
-
-
 def sample(reference: Reference, stations: ArrayLike) -> Samples:
     """Return the reference at stations (K,) in metres; beyond its ends it goes straight on."""
     return sample_path(reference.path, np.ascontiguousarray(stations, float))
-
-
-@kernel()
-def project(path: Path, north: float, east: float, near: float) -> float:
-    """Return the station of the path's point nearest to a position, searched from ``near``.
-
-    The search walks along the path while it comes nearer, so it does not jump to another leg that
-    passes close by. The ends are held straight, as in :func:`sample_path`.
-    """
-    k, _ = _between(path, near)
-    walked = 0
-    while True:
-        d_north, d_east = path.north[k + 1] - path.north[k], path.east[k + 1] - path.east[k]
-        length = d_north * d_north + d_east * d_east
-        t = ((north - path.north[k]) * d_north + (east - path.east[k]) * d_east) / length
-        if t > 1.0 and k < path.north.size - 2 and walked >= 0:
-            k, walked = k + 1, 1
-        elif t < 0.0 and k > 0 and walked <= 0:
-            k, walked = k - 1, -1
-        else:
-            break
-    # a walk that would turn back has passed the nearest point: it is the corner between
-    if (walked > 0 and t < 0.0) or (walked < 0 and t > 1.0):
-        t = min(max(t, 0.0), 1.0)
-    return path.first + k + t
-
-
-@kernel()
-def advance(path: Path, station: float, sample_period: float, number: int) -> Array:
-    """Return the stations (number,) after 1, 2, ... sample periods (s) at the reference speed."""
-    out = np.empty(number)
-    for m in range(number):
-        k, t = _between(path, station)
-        inside = min(max(t, 0.0), 1.0)
-        d_north, d_east = path.north[k + 1] - path.north[k], path.east[k + 1] - path.east[k]
-        rise = path.altitude[k + 1] - path.altitude[k]
-        speed = path.speed[k] + inside * (path.speed[k + 1] - path.speed[k])
-        station += speed * sample_period / np.sqrt(d_north**2 + d_east**2 + rise**2)
-        out[m] = station
-    return out

@@ -141,8 +141,8 @@ def _piqp(problem: _Problem, iteration_limit: int) -> _Answer:
     solver: Any = piqp.DenseSolver()
     settings = solver.settings
     settings.max_iter = iteration_limit
-    settings.eps_abs = settings.eps_rel = 1e-11
-    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = 1e-11
+    settings.eps_abs = settings.eps_rel = 1e-10
+    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = 1e-10
     solver.setup(
         problem.P,
         problem.q,
@@ -189,9 +189,9 @@ def _cvxpy(problem: _Problem, iteration_limit: int) -> _Answer:
             model.solve(
                 solver=cp.CLARABEL,
                 max_iter=iteration_limit,
-                tol_gap_abs=1e-11,
-                tol_gap_rel=1e-11,
-                tol_feas=1e-11,
+                tol_gap_abs=1e-10,
+                tol_gap_rel=1e-10,
+                tol_feas=1e-10,
             )
     except cp.SolverError:
         return failed
@@ -293,7 +293,7 @@ def solve(data: QPData, backend: str = "daqp", *, iteration_limit: int | None = 
         backend=backend,
         iterations=iterations,
         multiplier_max=float(np.max(np.abs(y), initial=0.0)),
-        soft_multiplier_sum=float(-y[hard : hard + len(data.soft_lower)].sum()),
+        soft_multiplier_sum=float(np.abs(y[hard : hard + len(data.soft_lower)]).sum()),
     )
 
 

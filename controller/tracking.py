@@ -16,25 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.jit import kernel
+from controller.reference import Path, project, sample_path
 from controller.terrain_map import TerrainMap, height_and_slope
 
 Floats = NDArray[np.float64]
-
-
-class Path(NamedTuple):
-    """The reference as a polyline of K points, evenly spaced in station.
-
-    ``start`` and ``spacing`` in m; north, east, altitude (m), heading of the path (rad, unwrapped)
-    and speed (m/s), each (K,).
-    """
-
-    start: float
-    spacing: float
-    north: Floats
-    east: Floats
-    altitude: Floats
-    heading: Floats
-    speed: Floats
 
 
 class Targets(NamedTuple):
@@ -66,57 +51,25 @@ class Weights(NamedTuple):
 
 
 @kernel()
-def _interpolate(values: Floats, x: float) -> tuple[float, float]:
-    """Return the value at fractional index x and its slope per index; held beyond the ends."""
-    last = values.shape[0] - 2
-    i = min(max(int(np.floor(x)), 0), last)
-    t = min(max(x - i, 0.0), 1.0)
-    slope = values[i + 1] - values[i]
-    return values[i] + t * slope, slope
-
-
-@kernel()
-def _abeam(path: Path, north: float, east: float, near: float) -> float:
-    """Return the station whose normal passes through a point, by Newton's steps from ``near``."""
-    s = near
-    for _ in range(3):
-        x = (s - path.start) / path.spacing
-        n, dn = _interpolate(path.north, x)
-        e, de = _interpolate(path.east, x)
-        square = dn * dn + de * de
-        s += path.spacing * ((north - n) * dn + (east - e) * de) / square
-    return s
-
-
-@kernel()
-def _targets(
-    path: Path, north: Floats, east: Floats, near: float, period: float, out: Floats
-) -> None:
-    station = _abeam(path, north[0], east[0], near)
-    goal = station
+def _stations(path: Path, north: Floats, east: Floats, near: float) -> Floats:
+    """Return the stations abeam of successive positions."""
+    out = np.empty(north.shape[0])
     for k in range(north.shape[0]):
-        if k > 0:
-            move = np.hypot(north[k] - north[k - 1], east[k] - east[k - 1])
-            station = _abeam(path, north[k], east[k], station + move)
-        x = (station - path.start) / path.spacing
-        g = (goal - path.start) / path.spacing
-        altitude, rise = _interpolate(path.altitude, x)
-        _, dn = _interpolate(path.north, x)
-        _, de = _interpolate(path.east, x)
-        length = np.hypot(dn, de)
-        out[0, k] = station
-        out[1, k] = _interpolate(path.north, g)[0]
-        out[2, k] = _interpolate(path.east, g)[0]
-        out[3, k] = altitude
-        out[4, k] = rise / path.spacing
-        out[5, k] = _interpolate(path.heading, x)[0]
-        out[6, k] = _interpolate(path.speed, x)[0]
-        out[7, k] = dn / length
-        out[8, k] = de / length
-        speed, _ = _interpolate(path.speed, g)
-        _, rise = _interpolate(path.altitude, g)
-        slope = rise / path.spacing
-        goal += speed * period / np.sqrt(1.0 + slope * slope)
+        near = project(path, north[k], east[k], near)
+        out[k] = near
+    return out
+
+
+@kernel()
+def advance(path: Path, station: float, period: float, number: int) -> Floats:
+    """Return the stations (number,) after 1, 2, ... sample periods (s) at the reference speed."""
+    out = np.empty(number)
+    for m in range(number):
+        k = min(max(int(np.floor((station - path.start) / path.spacing)), 0), path.north.size - 2)
+        slope = path.slope[k]
+        station += path.speed[k] * period / np.sqrt(1.0 + slope * slope)
+        out[m] = station
+    return out
 
 
 def targets(
@@ -136,11 +89,31 @@ def targets(
         Measured heading, rad: chooses the reference's branch, so that a *planned* spin is never
         cheap and a spin that has happened is forgiven.
     """
-    out = np.empty((9, north.shape[0]))
-    _targets(path, north, east, near, period, out)
-    turns = np.round((heading - out[5, 0]) / (2.0 * np.pi))
-    out[5] += 2.0 * np.pi * turns
-    return Targets(north, east, *out)
+    station = _stations(path, north, east, near)
+    ahead = advance(path, station[0], period, len(station) - 1)
+    at = sample_path(path, station)
+    goal = sample_path(path, np.concatenate([station[:1], ahead]))
+    turns = np.round((heading - at.heading[0]) / (2.0 * np.pi))
+    return Targets(
+        nominal_north=north,
+        nominal_east=east,
+        station=station,
+        north=goal.north,
+        east=goal.east,
+        altitude=at.altitude,
+        slope=at.slope,
+        heading=at.heading + 2.0 * np.pi * turns,
+        speed=at.speed,
+        tangent_north=np.cos(at.heading),
+        tangent_east=np.sin(at.heading),
+    )
+
+
+@kernel()
+def _altitude(path: Path, station: float) -> float:
+    x = (station - path.start) / path.spacing
+    k = min(max(int(np.floor(x)), 0), path.altitude.shape[0] - 2)
+    return path.altitude[k] + (x - k) * (path.altitude[k + 1] - path.altitude[k])
 
 
 @kernel()
@@ -165,10 +138,9 @@ def _costs(
         for k in range(Y.shape[1]):
             north, east = Y[rows[0], k, n], Y[rows[1], k, n]
             s = aim[2, k] + aim[9, k] * (north - aim[0, k]) + aim[10, k] * (east - aim[1, k])
-            z, _ = _interpolate(path.altitude, (s - path.start) / path.spacing)
             e_n = north - aim[3, k]
             e_e = east - aim[4, k]
-            e_z = Y[rows[2], k, n] - z
+            e_z = Y[rows[2], k, n] - _altitude(path, s)
             e_psi = Y[rows[3], k, n] - aim[7, k]
             e_v = Y[rows[4], k, n] - aim[8, k]
             J += Q[0] * e_n * e_n + Q[1] * e_e * e_e + Q[2] * e_z * e_z

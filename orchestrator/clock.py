@@ -25,6 +25,26 @@ def nanoseconds(seconds: float) -> int:
     return time.numerator
 
 
+def whole_ticks(seconds: float, base_ns: int) -> int:
+    """Return a time that is not negative and a multiple of the base tick, ns.
+
+    Raises
+    ------
+    ValueError
+        If it is not; the message names the nearest times.
+    """
+    time = nanoseconds(seconds)
+    if time < 0:
+        raise ValueError(f"negative, got {seconds} s, expected 0 s or more")
+    below = time // base_ns * base_ns
+    if time != below:
+        raise ValueError(
+            f"not a multiple of the base tick of {base_ns / SECOND} s, got {seconds} s, "
+            f"expected {below / SECOND} s or {(below + base_ns) / SECOND} s"
+        )
+    return time
+
+
 def period_ns(rate_hz: float) -> int:
     """Return the exact period of a rate, ns.
 

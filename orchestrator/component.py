@@ -207,6 +207,10 @@ class Instance:
         except BaseException:
             self.fail()
             raise
+        if not isinstance(status, int):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise CouplingError(
+                f"component {self.name!r}: step answers no status, got {status!r}, expected 0 to 4"
+            )
         if status >= Status.ERROR:
             self.fail(fatal=status == Status.FATAL)
         return status

@@ -53,7 +53,9 @@ def resolve(use: str, folder: Path | None = None) -> Factory:
             raise ValueError(f"no such attribute, got {use!r}{near}")
         found = getattr(found, part)
     if not callable(found):
-        raise ValueError(f"cannot be called, got {use!r}, expected a class or function")
+        raise ValueError(  # noqa: TRY004  as everything else that is wrong with `use`
+            f"cannot be called, got {use!r}, expected a class or function"
+        )
     return found
 
 

@@ -52,17 +52,27 @@ class Node:
         return None
 
     def place(self, path: KeyPath) -> Mark:
-        """Return where a fault of the value at ``path`` shows, or of the last part that is there.
+        """Return where a fault of the value at ``path`` shows: the value, or the key of a mapping.
 
-        That is the value itself, or the key if the value fills more than its line.
+        Where there is no such value, it is the key of the last part that is there.
         """
+        node, is_there = self._find(path)
+        return node.mark if is_there and not isinstance(node.value, dict) else node.key or node.mark
+
+    def place_of_key(self, path: KeyPath) -> Mark:
+        """Return where the key of the value at ``path`` stands."""
+        node, _ = self._find(path)
+        return node.key or node.mark
+
+    def _find(self, path: KeyPath) -> "tuple[Node, bool]":
+        """Return the node at ``path``, or the last on the way, and whether it is at ``path``."""
         node = self
         for part in path:
             below = node.below(part)
             if below is None:
-                return node.key or node.mark
+                return node, False
             node = below
-        return node.mark if node.key is None or not isinstance(node.value, dict) else node.key
+        return node, True
 
 
 class Origins(Mapping[KeyPath, str]):
@@ -121,6 +131,14 @@ def scenario_error(faults: Iterable[Fault]) -> ScenarioError:
         ),
     )
     return ScenarioError(Problem(fault.path, str(fault)) for fault in ordered)
+
+
+def located(error: ScenarioError, origins: Mapping[KeyPath, str]) -> ScenarioError:
+    """Return the error with file, line and column of every problem, as far as they are known."""
+    root = origins.root if isinstance(origins, Origins) else Node({}, Mark("scenario"))
+    return scenario_error(
+        Fault(root.place(problem.path), problem.message, problem.path) for problem in error.problems
+    )
 
 
 def dotted(path: KeyPath) -> str:

@@ -139,6 +139,6 @@ def _file(path: Path, info: ValidationInfo) -> Path:
             return folder / path
     known = [one.name for one in (folders[0] / path).parent.glob("*")]
     raise ValueError(
-        f"file not found, got {str(path)!r}, expected a file in {str(folders[0])!r}"
+        f"file not found, got {str(path)!r}, expected a file beside the scenario"
         f"{nearest(path.name, known)}"
     )

@@ -7,7 +7,7 @@ from typing import cast
 
 from orchestrator.clock import SECOND
 from orchestrator.component import Instance, Restorable, Value
-from orchestrator.description import Port
+from orchestrator.description import Port, mismatch
 from orchestrator.finite import finiteness, nonfinite
 from orchestrator.policies import Policies, Step, retrying
 from orchestrator.records import ComponentSpec
@@ -61,6 +61,7 @@ class Participant:
         self._deadline_s = spec.deadline_s
         self._is_timed = bool(self._clocks) or spec.deadline_s is not None
         self._elapsed_s = 0.0
+        self._tries: list[int] = []
         self._instance = instance
         self._policies = Policies(instance, spec, report)
         self._inputs: Callable[[int], Values] = lambda _: {}
@@ -68,8 +69,27 @@ class Participant:
         self._set, self._get = component.set, component.get
         step: Step = component.step
         if spec.on_discard == "retry":
-            step = retrying(cast(Restorable, component), step, self._tell_retry)
+            step = retrying(cast(Restorable, component), step, self._tries)
         self._step = self._timed(step) if self._is_timed else step
+
+    def initialize(self, inputs: Values, stop_time: float, seed: int) -> None:
+        """Initialize with ``inputs`` and take over the first outputs.
+
+        Raises
+        ------
+        ValueError
+            If an output is missing or is not what the description says.
+        """
+        if inputs:
+            self._instance.set(inputs)
+        self._instance.initialize(start_time=0.0, stop_time=stop_time, seed=seed)
+        values = self._instance.get(self._outputs)
+        for name in self._outputs:
+            fault = mismatch(self._ports[name], values[name]) if name in values else "is missing"
+            if fault is not None:
+                raise ValueError(f"output {name!r}: {fault}")
+        self.values = values
+        self._instance.enter_step_mode()
 
     def wire(self, participants: Mapping[str, "Participant"]) -> None:
         """Connect the inputs to what the participants publish."""
@@ -170,12 +190,15 @@ class Participant:
         """Take over the inputs and step; False where a policy holds the outputs."""
         if not self._is_in_service:
             return False
+        inputs = self._inputs(time_ns)
         try:
-            self._set(self._inputs(time_ns))
+            self._set(inputs)
             status = self._step(time_ns / SECOND, self._step_size)
         except Exception as error:  # noqa: BLE001
             self._fail(time_ns, error)
             return False
+        while self._tries:
+            self._policies.tried_again(time_ns, self._tries.pop(0))
         if status and not self._policies.answered(time_ns, status):
             self._is_in_service = self._instance.state == "stepping"
             return False
@@ -201,11 +224,6 @@ class Participant:
             return status
 
         return timed_step
-
-    def _tell_retry(self, time: float, parts: int) -> None:
-        time_ns = round(time * SECOND)
-        message = f"{at(self.name, time_ns)}: step is tried again in {parts} parts"
-        self._report.event(time_ns, "retry", self.name, message)
 
     def _remember(self, time_ns: int) -> None:
         history = self._history

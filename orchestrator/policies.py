@@ -34,15 +34,14 @@ class Policies:
             policy = "hold" if self._spec.on_discard == "hold" else "end"
             self._apply(time_ns, "discard", "step is refused (Discard)", policy)
             return False
-        is_error = status == Status.ERROR
-        self._instance.fail(fatal=not is_error)
-        what = {Status.ERROR: "(Error)", Status.FATAL: "(Fatal)"}.get(
-            Status(status) if status in tuple(Status) else Status.OK,
-            f"with an unknown status, got {status!r}, expected 0 to 4",
-        )
-        self._apply(
-            time_ns, "error", f"step failed {what}", self._spec.on_error if is_error else "end"
-        )
+        self._instance.fail(fatal=status != Status.ERROR)
+        if status == Status.ERROR:
+            self._apply(time_ns, "error", "step failed (Error)", self._spec.on_error)
+        elif status == Status.FATAL:
+            self._apply(time_ns, "error", "step failed (Fatal)", "end")
+        else:
+            what = f"step answered an unknown status, got {status!r}, expected 0 to 4"
+            self._apply(time_ns, "error", what, "end")
         return False
 
     def failed(self, time_ns: int, error: Exception) -> None:
@@ -50,6 +49,10 @@ class Policies:
         self._instance.fail()
         what = f"failed, {type(error).__name__}: {error}"
         self._apply(time_ns, "error", what, self._spec.on_error, error)
+
+    def tried_again(self, time_ns: int, parts: int) -> None:
+        """Report that a refused step was tried again in parts."""
+        self._apply(time_ns, "retry", f"step is tried again in {parts} parts", "log")
 
     def found_nonfinite(self, time_ns: int, what: str) -> None:
         """Deal with an output that is NaN or infinite."""
@@ -79,10 +82,10 @@ class Policies:
             raise Ended("component error", reason) from error
 
 
-def retrying(component: Restorable, step: Step, tell: Callable[[float, int], None]) -> Step:
+def retrying(component: Restorable, step: Step, tries: list[int]) -> Step:
     """Return a step that, when refused, goes back and tries again in 2, 4, ... 64 parts.
 
-    ``tell`` hears the time, s, and the number of parts of every further try.
+    The number of parts of every further try is added to ``tries``.
     """
 
     def step_or_retry(time: float, step_size: float) -> int:
@@ -92,7 +95,7 @@ def retrying(component: Restorable, step: Step, tell: Callable[[float, int], Non
             if status != Status.DISCARD:
                 break
             parts = 2**halvings
-            tell(time, parts)
+            tries.append(parts)
             component.set_state(state)
             part = step_size / parts
             for i in range(parts):

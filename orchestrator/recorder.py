@@ -10,8 +10,6 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from orchestrator.component import Value
 from orchestrator.listener import Result
 from orchestrator.mcap_writer import McapWriter
@@ -20,6 +18,7 @@ from orchestrator.records import Scenario
 from orchestrator.system import System
 from orchestrator.topics import topics
 from orchestrator.wire import Encoder, timestamp
+from orchestrator.yaml_source import dump
 
 FLUSH_NS = 1_000_000_000
 
@@ -78,6 +77,7 @@ class Recorder:
         self._writer: McapWriter | None = None
         self._streams: dict[tuple[str, str], list[_Stream]] = {}  # by listener call and component
         self._parameters: dict[str, dict[str, Value]] = {}  # all current values by component
+        self._untimed: set[str] = set()  # components whose overruns are not recorded
         self._time_ns = -1
         self._stamp = b""
         self._flush_ns = FLUSH_NS
@@ -90,6 +90,9 @@ class Recorder:
     def open(self, system: System, /) -> None:
         """Create the file and register every channel, so that a silent topic is listed too."""
         self._wall_clock = self._wall_clock and system.scenario.recording.wall_clock
+        if not self._wall_clock:  # an overrun that steers the flight is recorded all the same
+            specs = system.scenario.components
+            self._untimed = {spec.name for spec in specs if spec.on_overrun == "log"}
         planned = topics(system, wall_clock=self._wall_clock)
         try:
             self._file = FileIO(self.path, "wb")
@@ -119,9 +122,10 @@ class Recorder:
         self._write(time_ns, ("parameters", component), current)
 
     def event(self, time_ns: int, kind: str, component: str, message: str, /) -> None:
-        """Write what happened."""
-        values = {"kind": kind, "component": component, "message": message}
-        self._write(time_ns, ("event", ""), values)
+        """Write what happened, unless it is a measurement that nobody asked to record."""
+        if kind != "overrun" or component not in self._untimed:
+            values = {"kind": kind, "component": component, "message": message}
+            self._write(time_ns, ("event", ""), values)
 
     def log(self, time_ns: int, level: int, name: str, message: str, /) -> None:
         """Write a line of text; levels of `logging` are ten times those of `foxglove.Log`."""
@@ -183,7 +187,8 @@ class Recorder:
             _log.error("%s: recording stopped %s, %s", self.path, after, error.strerror)
 
     def _summary(self, result: Result) -> dict[str, str]:
-        counts = dict(result.counts)
+        unwanted = {f"overruns.{component}" for component in self._untimed}
+        counts = {name: n for name, n in result.counts.items() if name not in unwanted}
         entries = {
             "outcome": result.outcome,
             "reason": result.reason,
@@ -191,8 +196,6 @@ class Recorder:
         }
         if self._wall_clock:
             entries |= {"cpu_s": repr(result.cpu_s), "wall_s": repr(result.wall_s)}
-        else:
-            counts = {name: n for name, n in counts.items() if not name.startswith("overruns.")}
         entries["counts"] = json.dumps(counts, sort_keys=True)
         if self.failure is not None:
             entries["recording"] = f"stopped at {self._time_ns / 1e9} s: {self.failure.strerror}"
@@ -210,8 +213,7 @@ class Recorder:
 def _describe(writer: McapWriter, scenario: Scenario) -> None:
     """Write what is known before the run: the scenario, where it comes from, what viewers draw."""
     plain = document(scenario)
-    resolved = yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=100)
-    writer.attachment("scenario.yaml", "application/yaml", resolved.encode(), EPOCH_NS)
+    writer.attachment("scenario.yaml", "application/yaml", dump(plain).encode(), EPOCH_NS)
     text = json.dumps(plain, indent=2, ensure_ascii=False)
     writer.attachment("scenario.json", "application/json", text.encode(), EPOCH_NS)
     writer.metadata("hedgehop.provenance", provenance(scenario))

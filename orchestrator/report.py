@@ -27,10 +27,11 @@ class Ended(Exception):  # noqa: N818  (not an error: every run ends)
 
 
 class Report:
-    """Counts what happens and tells the listeners."""
+    """Counts what happens and tells the listeners; knows the instant that is simulated."""
 
     def __init__(self, listeners: Sequence[Listener]) -> None:
         self.listeners = tuple(listeners)
+        self.time_ns = 0
         self.counts: Counter[str] = Counter()
 
     def event(self, time_ns: int, kind: str, component: str, message: str) -> None:

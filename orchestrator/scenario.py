@@ -127,6 +127,7 @@ class _Scene(_Keys):
     plan: Annotated[str, Field(description="group: the newest plan")] = ""
     path: Annotated[str, Field(description="group: the predicted path")] = ""
     reference: Annotated[str, Field(description="group: the reference course")] = ""
+    height_agl: Annotated[str, Field(description="set height above ground")] = ""
     ladder: Annotated[str, Field(description="enumeration: how an update was solved")] = ""
     terrain: Annotated[str, Field(description="${name} of the terrain resource")] = ""
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import gcd, lcm
 from typing import TypeVar
 
-from orchestrator.clock import SECOND, nanoseconds, period_ns
+from orchestrator.clock import SECOND, period_ns, whole_ticks
 from orchestrator.component import Execution
 from orchestrator.connections import Ports
 from orchestrator.errors import Path, Problem, ScenarioError
@@ -29,8 +29,8 @@ def compile_schedule(
 ) -> Schedule:
     """Return the schedule of a scenario, whose components are the keys of ``executions``.
 
-    The base tick is the greatest common divisor of all periods. Latencies, delays, event times and
-    the duration are whole numbers of base ticks; the duration is a whole number of steps of every
+    The base tick is the greatest common divisor of all periods. Latencies, delays and the
+    duration are whole numbers of base ticks; the duration is a whole number of steps of every
     continuous component.
 
     Raises
@@ -61,11 +61,6 @@ def compile_schedule(
                 problems.append(_problem(("duration_s",), fault))
     for index, connection in enumerate(scenario.connections):
         _ticks(connection.delay_s, base, ("connections", index, "delay_s"), problems)
-    for index, event in enumerate(scenario.events):
-        path = ("events", index, "at_s")
-        if _ticks(event.at_s, base, path, problems) > end:
-            fault = f"after the end, got {event.at_s} s, expected up to {scenario.duration_s} s"
-            problems.append(_problem(path, fault))
     steps = sum(-(-end // period) for period in periods.values())
     if steps > max_steps:
         fault = f"too many steps, got {steps}, expected at most {max_steps}"
@@ -128,20 +123,10 @@ def _periods(
 def _ticks(seconds: float, base: int, path: Path, problems: list[Problem]) -> int:
     """Return a time in ns; one that is no whole number of base ticks is added to ``problems``."""
     try:
-        time = nanoseconds(seconds)
+        return whole_ticks(seconds, base)
     except ValueError as error:
         problems.append(_problem(path, str(error)))
         return 0
-    below = time // base * base
-    if time < 0:
-        problems.append(_problem(path, f"negative, got {seconds} s, expected 0 s or more"))
-    elif time != below:
-        fault = (
-            f"not a multiple of the base tick of {base / SECOND} s, got {seconds} s, "
-            f"expected {below / SECOND} s or {(below + base) / SECOND} s"
-        )
-        problems.append(_problem(path, fault))
-    return time
 
 
 def _table(

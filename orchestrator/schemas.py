@@ -7,7 +7,7 @@ spell are changed, and the original kept in the channel's metadata beside units 
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
@@ -153,7 +153,7 @@ def channels(component: str, ports: Iterable[Port]) -> list[Channel]:
 def channel(component: str, kind: Kind, group: str, ports: Iterable[Port]) -> Channel:
     """Return the channel of a group of variables.
 
-    The fields of an `inputs` channel have presence (`optional`): a message holds some of them.
+    Fields of inputs and parameters have presence (`optional`): a message holds those that are told.
     """
     members = tuple(ports)
     used = {"timestamp"}
@@ -168,7 +168,7 @@ def channel(component: str, kind: Kind, group: str, ports: Iterable[Port]) -> Ch
         ports=members,
         fields=fields,
         message=f"{package}.{title}",
-        descriptors=descriptors(package, title, fields, members, optional=kind == "inputs"),
+        descriptors=descriptors(package, title, fields, members, optional=kind != "outputs"),
     )
 
 
@@ -208,6 +208,12 @@ def descriptors(
             path=[4, 0, 2, index], span=[index, 0, 1], leading_comments=_comment(port)
         )
     return FileDescriptorSet(file=[_timestamp_file(), file]).SerializeToString(deterministic=True)
+
+
+def variable_name(topic: str, field: str, metadata: Mapping[str, str]) -> str:
+    """Return the variable, without its component, that a field of a channel holds."""
+    group = topic.rsplit("/", 1)[1]
+    return metadata.get(f"name.{field}", field if group in _RESERVED else f"{group}.{field}")
 
 
 def message_class(name: str, descriptors: bytes) -> type[Message]:

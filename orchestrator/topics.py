@@ -84,7 +84,7 @@ def _signals(each: Channel, scene: Mapping[str, str]) -> Topic:
         for name in names
     )
     on_change = each.kind == "outputs" and each.is_discrete and not counted
-    make = partial_encoder if each.kind == "inputs" else encoder
+    make = encoder if each.kind == "outputs" else partial_encoder
     return Topic(
         name=each.topic,
         call=each.kind,

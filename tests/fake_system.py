@@ -65,7 +65,7 @@ def make_system(ports, scene=None, *, links=(), wall_clock=False, **scenario):
     )
 
 
-def helicopter(*, capacity=200, posts=60, cells=1000, wall_clock=False):
+def helicopter(*, capacity=200, posts=60, cells=1000, **more):
     """Return a system with the ports of the whole helicopter scenario."""
     ports = [port("vehicle", f"state.{name}", "m") for name in STATES]
     ports += [port("vehicle", f"pose.{name}", "m") for name in ("north", "east", "down")]
@@ -105,7 +105,7 @@ def helicopter(*, capacity=200, posts=60, cells=1000, wall_clock=False):
     ports += [port("sequencer", f"command.{name}", "rad") for name in bounds]
     ports += [port("sequencer", "playing.sequence", kind="Int64")]
     ports += [port("sequencer", "playing.source", kind="Enumeration", items={0: "plan", 1: "tail"})]
-    return make_system(ports, SCENE, wall_clock=wall_clock)
+    return make_system(ports, SCENE, **more)
 
 
 def flight(system, duration_s=10.0, *, seed=0):

@@ -1,0 +1,119 @@
+"""Measure what the orchestrator adds to a plant step: two trivial components at 20 and 2 Hz.
+
+CPU time of a whole run without listeners, minus the same calls of the components in a bare loop,
+per step of the plant. Prints one line per case; the best of several repetitions.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from scripted import Row, describe
+
+from orchestrator.couple import couple
+from orchestrator.records import ComponentSpec, ConnectionSpec, Scenario
+from orchestrator.simulate import simulate
+from orchestrator.trace import Trace
+
+SECONDS, REPETITIONS = 1000, 7
+
+
+@dataclass(frozen=True)
+class Execution:
+    """When it runs."""
+
+    kind: str
+    rate_hz: float
+    interface: int = 1
+
+
+class Trivial:
+    """Take inputs, give outputs, do nothing."""
+
+    def __init__(self, kind, rate_hz, inputs, outputs):
+        self.execution = Execution(kind, rate_hz)
+        rows = [Row(name, "input") for name in inputs]
+        through = tuple(inputs) if kind == "sampled" else ()
+        self._rows = rows + [Row(name, "output", through=through) for name in outputs]
+        self._values = dict.fromkeys((*inputs, *outputs), 1.0)
+
+    def describe(self):
+        return describe("trivial", self._rows)
+
+    def initialize(self, *, start_time, stop_time, seed):
+        pass
+
+    def set(self, values):
+        self._values.update(values)
+
+    def get(self, names):
+        values = self._values
+        return {name: values[name] for name in names}
+
+    def step(self, time, step_size):
+        return 0
+
+    def terminate(self):
+        pass
+
+
+def pair(width):
+    """Return plant and controller that exchange ``width`` states and four commands."""
+    states = [f"state.x{i}" for i in range(width)]
+    commands = [f"command.u{i}" for i in range(4)]
+    return Trivial("continuous", 20.0, commands, states), Trivial("sampled", 2.0, states, commands)
+
+
+def coupled(width, *, is_traced):
+    """Return the CPU time of a run, s."""
+    plant, controller = pair(width)
+    scenario = Scenario(
+        "overhead",
+        float(SECONDS),
+        components=(ComponentSpec("plant", ""), ComponentSpec("controller", "")),
+        connections=(
+            ConnectionSpec("plant.state", "controller.state"),
+            ConnectionSpec("controller.command", "plant.command"),
+        ),
+    )
+    system = couple(scenario, {"plant": plant, "controller": controller})
+    begin = process_time()
+    simulate(system, [Trace()] if is_traced else [])
+    return process_time() - begin
+
+
+def bare(width):
+    """Return the CPU time of the components' own calls, s."""
+    plant, controller = pair(width)
+    states, commands = list(plant.get(plant._values))[4:], list(plant._values)[:4]
+    read, given = plant.get(states), controller.get(commands)
+    begin = process_time()
+    for k in range(20 * SECONDS):
+        read = plant.get(states)
+        if k % 10 == 0:
+            controller.set(read)
+            controller.step(k * 0.05, 0.5)
+            given = controller.get(commands)
+        plant.set(given)
+        plant.step(k * 0.05, 0.05)
+    return process_time() - begin
+
+
+def main():
+    steps = 20 * SECONDS
+    for width in (1, 17):
+        alone = min(bare(width) for _ in range(REPETITIONS))
+        for is_traced in (False, True):
+            whole = min(coupled(width, is_traced=is_traced) for _ in range(REPETITIONS))
+            listener = "in-memory trace" if is_traced else "no listener"
+            print(
+                f"{width:3d} states, {listener:15}: {1e6 * (whole - alone) / steps:5.2f} us per "
+                f"plant step (whole {1e6 * whole / steps:5.2f}, bare {1e6 * alone / steps:5.2f})"
+            )
+
+
+if __name__ == "__main__":
+    main()

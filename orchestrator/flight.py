@@ -1,0 +1,141 @@
+"""Fly a scenario: load, build, simulate, record, and take the figures."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from orchestrator.build import build
+from orchestrator.errors import Problem, ScenarioError
+from orchestrator.listener import Listener, Result
+from orchestrator.logbook import Logbook
+from orchestrator.marks import located
+from orchestrator.metrics import flight_metrics
+from orchestrator.recorder import Recorder
+from orchestrator.recording import Recording
+from orchestrator.scenario import load
+from orchestrator.simulate import simulate
+from orchestrator.system import System
+from orchestrator.trace import Trace
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A finished run.
+
+    Attributes
+    ----------
+    result : Result
+        How it ended.
+    metrics : mapping
+        Its figures; see :func:`orchestrator.metrics.flight_metrics`.
+    trace : Trace
+        Every output over time: ``trace["vehicle.clearance"]`` is times and values.
+    recording : Path or None
+        The file, if one was asked for and could be finished.
+    """
+
+    result: Result
+    metrics: Mapping[str, Any]
+    trace: Trace
+    recording: Path | None
+
+
+def fly(
+    path: str | os.PathLike[str],
+    overrides: Iterable[str] = (),
+    out: str | os.PathLike[str] | None = None,
+) -> Flight:
+    """Fly a scenario file.
+
+    Parameters
+    ----------
+    path : path
+        The scenario.
+    overrides : iterable of str
+        As ``components.mpc.parameters.basis=tent``.
+    out : path, optional
+        The MCAP file to record to.
+
+    Raises
+    ------
+    ScenarioError
+        If the scenario cannot be flown, or the file not be written; with every reason.
+    """
+    if out is not None:
+        check_writable(Path(out))
+    return fly_system(build(load(path, overrides)), None if out is None else Path(out))
+
+
+def fly_system(
+    system: System,
+    out: Path | None = None,
+    progress: Callable[[int], None] | None = None,
+    interrupt: Callable[[], bool] | None = None,
+) -> Flight:
+    """Run a system that was built and take its figures; see ``simulate`` for the callbacks."""
+    scenario = system.scenario
+    trace = Trace()
+    logbook = Logbook(trace)
+
+    def figures(result: Result) -> dict[str, Any]:
+        return flight_metrics(
+            logbook,
+            {str(port): port for ports in system.ports.values() for port in ports.values()},
+            scenario.scene,
+            result,
+            scenario.settle_s,
+            logbook.durations if scenario.recording.wall_clock else None,
+        )
+
+    recorder = Recorder(out, metrics=figures) if out else None
+    listeners: list[Listener] = [trace, logbook, *([recorder] if recorder else [])]
+    try:
+        result = simulate(system, listeners, progress, interrupt)
+    except ScenarioError as error:
+        raise located(error, scenario.origins) from error
+    finished = out if recorder and recorder.failure is None else None
+    return Flight(result, figures(result), trace, finished)
+
+
+def recording_metrics(path: Path) -> dict[str, Any]:
+    """Return the figures of a recorded flight, from the recording alone.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or is cut short.
+    """
+    recording = Recording.open(path)
+    return flight_metrics(
+        recording,
+        recording.signals,
+        recording.scene,
+        recording.result,
+        recording.scenario["settle_s"],
+        recording.wall_clock,
+    )
+
+
+def check_writable(out: Path) -> None:
+    """Refuse an output that cannot be written; a file that is there stays as it is.
+
+    Raises
+    ------
+    ScenarioError
+    """
+    what = None
+    if out.suffix != ".mcap":
+        what = f"not a recording's name, got {out.name!r}, expected one that ends in '.mcap'"
+    else:
+        is_new = not out.exists()
+        try:
+            out.open("ab").close()
+        except OSError as error:
+            what = f"cannot be written, {str(error.strerror).lower()}"
+        else:
+            if is_new:
+                out.unlink()
+    if what:
+        raise ScenarioError([Problem((), f"{out}: {what}")])

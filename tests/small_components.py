@@ -1,0 +1,179 @@
+"""Components small enough to see through: a glider over flat ground, and who steers it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Le, Len
+
+from plant.variables import Execution, Variable, model_description, parameter_variables
+
+OUTCOMES = ("flying", "collision")
+
+
+@dataclass(frozen=True)
+class GroundParameters:
+    """What the ground is like."""
+
+    file: Annotated[Path, "text file whose first line is the elevation, m"]
+    offset_m: Annotated[float, "added to the elevation"] = 0.0
+
+
+class Ground:
+    """A resource: flat ground."""
+
+    def __init__(self, parameters: GroundParameters) -> None:
+        text = parameters.file.read_text()
+        try:
+            self.elevation = float(text) + parameters.offset_m
+        except ValueError:
+            raise ValueError(f"file: not a number, got {text!r}, expected the elevation") from None
+
+
+class Loop:
+    """A resource that needs another."""
+
+    def __init__(self, *, other) -> None:
+        self.other = other
+
+
+@dataclass(frozen=True)
+class Wing:
+    """A part of the glider."""
+
+    span_m: Annotated[float, Ge(0), "tip to tip"] = 2.0
+
+
+@dataclass(frozen=True)
+class GliderParameters:
+    """What the glider is like."""
+
+    altitude_m: Annotated[float, Ge(0), Le(1000), "at the start"] = 100.0
+    speed_mps: Annotated[float, Ge(0), "of the air"] = 20.0
+    crew: Annotated[int, Ge(0), "people"] = 1
+    has_gear: Annotated[bool, "whether there are wheels"] = False
+    preset: Annotated[Literal["club", "racer"], "what it was built for"] = "club"
+    wing: Annotated[Wing, "the main one"] = field(default_factory=Wing)
+    start_m: Annotated[tuple[float, float], "north, east"] = (0.0, 0.0)
+    waypoints_m: Annotated[tuple[tuple[float, float], ...], "north, east of each"] = ()
+    trim_deg: Annotated[float | None, "None finds it"] = None
+
+
+class Glider:
+    """Continuous: climbs at `climb`, flies north at its speed, collides with the ground."""
+
+    execution = Execution("continuous", 20.0)
+
+    def __init__(self, parameters: GliderParameters, *, ground: Ground | None = None) -> None:
+        self.parameters = parameters
+        self.elevation = ground.elevation if ground else 0.0
+        if parameters.altitude_m < self.elevation:
+            raise ValueError(
+                f"altitude_m: below ground, got {parameters.altitude_m} m, "
+                f"expected {self.elevation} m or more"
+            )
+        self.climb = 0.0
+        self.north, self.altitude = parameters.start_m[0], parameters.altitude_m
+
+    def describe(self):
+        return model_description(
+            "Glider",
+            "a point that climbs as it is told",
+            [
+                Variable("command.climb", "input", "m/s", "rate of climb"),
+                Variable("state.north", "output", "m", "position"),
+                Variable("state.altitude", "output", "m", "position"),
+                Variable("state.climb", "output", "m/s", "now", depends_on=("command.climb",)),
+                Variable("clearance", "output", "m", "above ground"),
+                Variable("trail", "output", "m", "altitude, three times", shape=(3,)),
+                Variable("outcome", "output", "1", "why it ended", start=0, items=OUTCOMES),
+                *parameter_variables(self.parameters),
+            ],
+        )
+
+    def initialize(self, *, start_time, stop_time, seed):
+        pass
+
+    def set(self, values):
+        self.climb = values.get("command.climb", self.climb)
+
+    def get(self, names: Sequence[str]):
+        values = {
+            "state.north": self.north,
+            "state.altitude": self.altitude,
+            "state.climb": self.climb,
+            "clearance": self.altitude - self.elevation,
+            "trail": np.full(3, self.altitude),
+            "outcome": int(self.altitude < self.elevation),
+        }
+        return {name: values[name] for name in names}
+
+    def step(self, time, step_size):
+        self.north += step_size * self.parameters.speed_mps
+        self.altitude += step_size * self.climb
+        return 0
+
+    def terminate(self):
+        pass
+
+
+@dataclass(frozen=True)
+class PilotParameters:
+    """What the pilot wants."""
+
+    altitude_m: Annotated[float, "to hold"] = 100.0
+    gain_per_s: Annotated[float, Ge(0), "climb per altitude error"] = 0.5
+    names: Annotated[list[str], Len(0, 2), "of the crew"] = field(default_factory=list)
+
+
+class Pilot:
+    """Sampled: steers towards an altitude."""
+
+    execution = Execution("sampled", 2.0)
+
+    def __init__(self, parameters: PilotParameters, *, latency_s: float = 0.0) -> None:
+        self.parameters = parameters
+        self.latency_s = latency_s
+        self.altitude_m = parameters.altitude_m
+        self.altitude = self.climb = 0.0
+
+    def describe(self):
+        return model_description(
+            "Pilot",
+            "steers towards an altitude",
+            [
+                Variable("state.north", "input", "m", "position"),
+                Variable("state.altitude", "input", "m", "position"),
+                Variable("state.climb", "input", "m/s", "now"),
+                Variable("trail", "input", "m", "altitudes", shape=(2,)),
+                Variable("command.climb", "output", "m/s", "rate", depends_on=("state",)),
+                *parameter_variables(self.parameters, tunable=["altitude_m"]),
+            ],
+        )
+
+    def initialize(self, *, start_time, stop_time, seed):
+        self.step(start_time, 0.0)
+
+    def set(self, values):
+        self.altitude = values.get("state.altitude", self.altitude)
+        self.altitude_m = values.get("altitude_m", self.altitude_m)
+
+    def get(self, names):
+        return {name: self.climb for name in names}
+
+    def step(self, time, step_size):
+        self.climb = self.parameters.gain_per_s * (self.altitude_m - self.altitude)
+        return 0
+
+    def terminate(self):
+        pass
+
+
+def broken(parameters: PilotParameters) -> Pilot:
+    """Fail as only a defect can."""
+    raise RuntimeError("a defect")
+
+
+not_a_factory = 3
