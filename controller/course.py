@@ -1,8 +1,9 @@
-"""The course over the ground: straight legs between way-points, joined by circular arcs.
+"""The course over the ground, and the path in space that is flown along it.
 
-A station s is the distance flown along the course, 0 at the first way-point; an offset l is to the
-right of it. The course is straight before the first and beyond the last way-point, so that an
-aircraft a little behind the start, or flying on past the goal, still has a course.
+The course is straight legs between way-points, joined by circular arcs. A station s is the distance
+flown along it, 0 at the first way-point; an offset l is to the right of it. It is straight before
+the first and beyond the last way-point, so that an aircraft a little behind the start, or flying on
+past the goal, still has a course. A path is the reference sampled over the same stations.
 """
 
 import math
@@ -199,7 +200,7 @@ def sample_path(path: Path, stations: Array) -> Samples:
 
 
 @kernel()
-def project_path(path: Path, north: float, east: float, near: float) -> float:
+def project(path: Path, north: float, east: float, near: float) -> float:
     """Return the station of the path's point nearest to a position, searched from ``near``.
 
     The search walks along the path while it comes nearer, so it does not jump to another leg that

@@ -106,15 +106,15 @@ def normal_equations(
 
 
 @kernel()
-def hold(coefficients: Array, number: int, low: float, high: float, curvature: float) -> Array:
-    """Return coefficients with ``number`` more: the slope moves into [low, high] and stays there.
+def hold(coefficients: Array, size: int, low: float, high: float, curvature: float) -> Array:
+    """Return coefficients lengthened to ``size``: the slope moves into [low, high] and stays there.
 
     It changes by at most ``curvature`` (1/m^2) times the distance.
     """
     n = coefficients.size
-    out = np.empty(n + number)
+    out = np.empty(max(n, size))
     out[:n] = coefficients
-    for k in range(n, n + number):
+    for k in range(n, size):
         step = out[k - 1] - out[k - 2]
         change = curvature * KNOT_M**2
         target = min(max(step, low * KNOT_M), high * KNOT_M)
@@ -177,8 +177,9 @@ def least_gradient(
     tangent_weight: float = 0.02,
     offset_weight: float = 1e-3,
     valley_weight: float = 0.0,
+    stations: int = STATIONS,
 ) -> Array:
-    """Return the offsets (K,) of least cost at stations KNOT_M apart, the first one given.
+    """Return the offsets (stations + 1,) of least cost, KNOT_M apart, the first one given.
 
     The first step stays within a lane of the given slope. Leaving the corridor costs OUTSIDE a
     lane; leaving the sensed terrain UNSENSED, so that beyond it the path still obeys the corridor.
@@ -193,6 +194,7 @@ def least_gradient(
         offset,
         slope,
         lanes,
+        stations,
         tangent_weight,
         offset_weight / max(float(width.max()), LANE_M) ** 2,
         valley_weight,
@@ -208,22 +210,25 @@ def _viterbi(
     offset: float,
     slope: float,
     lanes: int,
+    stations: int,
     w_t: float,
     w_l: float,
     w_h: float,
 ) -> Array:
     n = 2 * lanes + 1
     lane = LANE_M * np.arange(-lanes, lanes + 1)
-    parent = np.zeros((STATIONS + 1, n), np.int64)
+    parent = np.zeros((stations + 1, n), np.int64)
     cost, h = np.full(n, np.inf), np.full(n, np.nan)
     north, east = position(course, station, offset)
     h_0 = height_and_slope(terrain_map, north, east)[0]
     datum = 0.0 if np.isnan(h_0) else h_0
-    for k in range(1, STATIONS + 1):
+    for k in range(1, stations + 1):
         s = station + k * KNOT_M
         W = width[min(max(int(s - course.first), 0), width.size - 1)]
         new_cost, new_h = np.full(n, np.inf), np.full(n, np.nan)
         for j in range(n):
+            if k > 1 and cost[max(j - 2, 0) : j + 3].min() == np.inf:
+                continue
             north, east = position(course, s, lane[j])
             new_h[j] = height_and_slope(terrain_map, north, east)[0]
             outside = max(abs(lane[j]) - W, 0.0) / LANE_M
@@ -245,10 +250,10 @@ def _viterbi(
                 if total < new_cost[j]:
                     new_cost[j], parent[k, j] = total, i
         cost, h = new_cost, new_h
-    offsets = np.empty(STATIONS + 1)
+    offsets = np.empty(stations + 1)
     offsets[0] = offset
     j = int(np.argmin(cost))
-    for k in range(STATIONS, 0, -1):
+    for k in range(stations, 0, -1):
         offsets[k] = lane[j]
         j = parent[k, j]
     return offsets

@@ -7,7 +7,7 @@ plan with everything that says how it came about.
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,7 @@ class BasisMpc:
                 f"expected up to {parameters.plan_capacity * self._period:g} s"
             )
 
-        @lru_cache(maxsize=None)
+        @cache
         def design_for(horizon: int) -> Design:
             return design(parameters, prediction_model, horizon)
 
@@ -131,12 +131,16 @@ class BasisMpc:
 
     def get_state(self) -> bytes:
         """Return everything that the next update depends on."""
-        return pickle.dumps((self._parameters, self._inputs, self._measured, self._memory, self._outputs))
+        return pickle.dumps(
+            (self._parameters, self._inputs, self._measured, self._memory, self._outputs)
+        )
 
     def set_state(self, state: bytes) -> None:
         """Restore what :meth:`get_state` returned."""
-        (self._parameters, self._inputs, self._measured, self._memory, self._outputs) = pickle.loads(  # noqa: S301
-            state
+        (self._parameters, self._inputs, self._measured, self._memory, self._outputs) = (
+            pickle.loads(  # noqa: S301
+                state
+            )
         )
 
     def _reset(self, start_time: float) -> None:
@@ -147,7 +151,9 @@ class BasisMpc:
         self._outputs = dict(published(p, task, self._memory, None, 0))
 
     def _update(self, time: float, late: int, applied: int) -> None:
-        scan = {name.removeprefix("scan."): v for name, v in self._inputs.items() if "scan." in name}
+        scan = {
+            name.removeprefix("scan."): v for name, v in self._inputs.items() if "scan." in name
+        }
         old = self._memory.terrain_map
         if old is None or old.cell_size != scan["cell_size"]:
             old = empty_map(scan["cell_size"])

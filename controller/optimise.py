@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from controller import qp
 from controller.prediction import Floats, PredictionModel, Response, identify
+from controller.reference import Path
 from controller.solvers import Solution, solve_with_fallback
 from controller.terrain_map import TerrainMap, heights
-from controller.reference import Path
 from controller.tracking import Targets, Weights, costs, targets
 
 TRACKED = ("north", "east", "altitude", "heading", "speed", "roll", "pitch")
@@ -161,7 +161,7 @@ def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) 
     rollout = model.rollout(state, candidates, design.wind, bias)
     Y = np.concatenate([rollout.outputs, Y0.T[None]]).transpose(2, 1, 0)
     flown = np.concatenate([candidates, u0[None]])
-    J, slack, merit = costs(Y, rows, flown, target, aim.actuators, aim.commands, aim.path,
+    _, slack, merit = costs(Y, rows, flown, target, aim.actuators, aim.commands, aim.path,
                             aim.weights, aim.terrain_map, ATTITUDE_EVERY)  # fmt: skip
     merit[:-1][~rollout.valid] = np.inf
     merit[~np.isfinite(merit)] = np.inf

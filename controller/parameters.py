@@ -23,7 +23,7 @@ TUNABLE = (
 """Parameters that may change in flight."""
 
 _AMPLITUDE = {"thrust": 2e-4, "pitch": 1e-4, "roll": 1e-4, "tail": 1e-5, "heading": 1e-4}
-"""Perturbations of the identification, G and rad: tiny against what is linear, large against rounding."""
+"""Perturbations of the identification, G and rad: tiny, yet large against rounding."""
 
 
 @dataclass(frozen=True)
@@ -62,22 +62,25 @@ class MpcParameters:
     ] = 50.0
     clearance_min_m: Annotated[float, Ge(0), "soft limit of the clearance in a plan"] = 5.0
     clearance_penalty: Annotated[
-        tuple[float, float], "linear and quadratic weight of the slack that all clearance rows share"
+        tuple[float, float],
+        "linear and quadratic weight of the slack that all clearance rows share",
     ] = (2e3, 2e2)
     corridor_m: Annotated[
         float, Ge(0), "half width within which the course may follow the least gradient"
     ] = 0.0
     smoothing_m4: Annotated[float, Ge(0), "weight of the reference's squared curvature"] = 1e4
-    solver: Annotated[
-        Literal["daqp", "piqp", "cvxpy"], "solver of the quadratic programme"
-    ] = "daqp"
+    solver: Annotated[Literal["daqp", "piqp", "cvxpy"], "solver of the quadratic programme"] = (
+        "daqp"
+    )
     line_search: Annotated[bool, "search the step length on the nonlinear model"] = True
     passes_at_start: Annotated[int, Ge(1), "passes at the first update, from a cold start"] = 5
     bias_estimate: Annotated[bool, "estimate an acceleration bias (offset-free tracking)"] = True
     compensate_latency: Annotated[bool, "predict to the instant the plan takes effect"] = True
-    wind_mps: Annotated[
-        tuple[float, float, float], "known steady wind, north, east, down"
-    ] = (0.0, 0.0, 0.0)
+    wind_mps: Annotated[tuple[float, float, float], "known steady wind, north, east, down"] = (
+        0.0,
+        0.0,
+        0.0,
+    )
     plan_capacity: Annotated[int, Ge(1), "samples in a plan"] = 200
     scan_capacity: Annotated[int, Ge(1), "cells in a scan's ring"] = 4096
 

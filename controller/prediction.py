@@ -45,7 +45,7 @@ class PredictionModel(Protocol):
         ...
 
     def rollout(self, state: Floats, commands: Floats, wind: Floats, bias: Floats) -> Rollout:
-        """Predict from (n,) or (N, n) under commands (N, H, m), wind (3,) and acceleration bias (3,)."""
+        """Predict from (n,) or (N, n) under commands (N, H, m), wind (3,) and bias (3,)."""
         ...
 
 

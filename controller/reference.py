@@ -17,7 +17,15 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from controller.course import STANDARD_GRAVITY, Course, position
+from controller.course import (
+    STANDARD_GRAVITY,
+    Course,
+    Path,
+    Samples,
+    position,
+    project,
+    sample_path,
+)
 from controller.jit import kernel
 from controller.lateral import (
     KNOT_M,
@@ -39,6 +47,18 @@ from controller.profile import (
     unhindered_speed,
 )
 from controller.terrain_map import TerrainMap, height_and_slope
+
+__all__ = [
+    "Path",
+    "Reference",
+    "ReferenceParameters",
+    "Samples",
+    "extend",
+    "project",
+    "sample",
+    "sample_path",
+    "start",
+]
 
 Array = NDArray[np.float64]
 LOOK_SPANS = 60  # how far ahead terrain is looked for
@@ -177,17 +197,16 @@ def _plan(
 ) -> Reference:
     """Return the reference planned again from station knot * KNOT_M on."""
     course, limits, s_0, at = old.course, _limits(parameters), knot * KNOT_M, knot - old.first_span
-    bend_max = limits.side / limits.speed**2
-    v_0 = float(old.path.speed[at * PER_SPAN])
+    turn_max = limits.side / limits.speed**2
     width = old.width
     if parameters.corridor_m != old.parameters.corridor_m:
         width = half_width(course, parameters.corridor_m)
     lateral = old.lateral[at : at + 3]
     if parameters.corridor_m > 0:
         weight = parameters.valley_weight_per_m
-        new = plan_offsets(terrain_map, course, width, knot, lateral, bend_max, weight)
+        new = plan_offsets(terrain_map, course, width, knot, lateral, turn_max, weight)
         lateral = np.concatenate((lateral, new))
-    lateral = hold(lateral, max(LOOK_SPANS + 3 - lateral.size, 0), 0.0, 0.0, bend_max)
+    lateral = hold(lateral, LOOK_SPANS + 3, 0.0, 0.0, turn_max)
 
     gap = int(GAP_CELLS * terrain_map.cell_size / SAMPLE_M)
     ground = _ground_along(terrain_map, course, lateral, knot, gap)
@@ -197,58 +216,71 @@ def _plan(
         height = _ramp(s_0, float(_height(height, s_0)), parameters)
     altitude, status = old.altitude[at : at + 3], "blind"
     if ground.size > 1:
-        spans = ceil((ground.size - 1) / SAMPLES)
-        samples = np.arange(spans * SAMPLES + 1)
-        ground = np.pad(ground, (0, samples.size - ground.size), constant_values=np.nan)
-        agl = _height(height, s_0 + SAMPLE_M * samples)
-        target = ground + agl
-        if at == 0:
-            _fill_start(target, round((station - s_0) / SAMPLE_M), float(altitude[0]))
-        lowest = parameters.clearance_min_m
-        clearance = 0.9 * agl if lowest is None else np.minimum(lowest, agl)
-        # until something is sensed nothing is committed, and the first plan is free at its start
-        kept = altitude[: 3 if at else 0]
-        previous = old.path.altitude[at * PER_SPAN :: int(SAMPLE_M)]
-        sensed = min(previous.size, max(int((old.known_until - s_0) / SAMPLE_M) + 1, 0))
-        before = np.full(samples.size, np.nan)
-        before[:sensed] = previous[:sensed][: samples.size]
-        speed = unhindered_speed(v_0, KNOT_M * np.arange(spans + 1.0), limits)
-        new, status = plan_altitude(
-            target, ground + clearance, kept, before, limits, speed, parameters.smoothing_m4
-        )
-        altitude = np.concatenate((kept, new))
+        altitude, status = _plan_altitude(old, ground, height, parameters, station, at)
     end = max(known_until + BEHIND_M, station + parameters.reach_m)
     total = 3 + max(ceil((end - s_0) / KNOT_M), altitude.size - 3)
-    ease = limits.up / limits.speed**2
-    altitude = hold(altitude, total - altitude.size, 0.0, np.inf, ease)
-    lateral = hold(lateral, max(total - lateral.size, 0), 0.0, 0.0, bend_max)[:total]
+    altitude = hold(altitude, total, 0.0, np.inf, limits.up / limits.speed**2)
+    lateral = hold(lateral, total, 0.0, 0.0, turn_max)[:total]
 
     north, east, z, heading, slope, bend, turn = _trace(course, lateral, altitude, knot)
-    v = plan_speed(v_0, int(known_until - s_0), slope, bend, turn, limits)
-    first = max(floor((station - BEHIND_M) / KNOT_M), old.first_span)
-    first = min(first, knot)
-    spans_kept = slice(first - old.first_span, at)
-    done = slice((first - old.first_span) * PER_SPAN, at * PER_SPAN)
-    arrays = (north, east, z, heading, v, slope)
+    v_0 = float(old.path.speed[at * PER_SPAN])
+    speed = plan_speed(v_0, int(known_until - s_0), slope, bend, turn, limits)
+    drop = min(max(floor((station - BEHIND_M) / KNOT_M) - old.first_span, 0), at)
+    new_path = (north, east, z, heading, speed, slope)
+    path = (
+        np.concatenate((before[drop * PER_SPAN : at * PER_SPAN], after))
+        for before, after in zip(old.path[2:], new_path, strict=True)
+    )
+    first_span = old.first_span + drop
     return Reference(
         parameters=parameters,
         course=course,
         width=width,
         height=height,
-        first_span=first,
+        first_span=first_span,
         knot=knot,
-        lateral=np.concatenate((old.lateral[spans_kept], lateral)),
-        altitude=np.concatenate((old.altitude[spans_kept], altitude)),
-        path=Path(
-            first * KNOT_M,
-            1.0,
-            *(np.concatenate((a[done], b)) for a, b in zip(old.path[2:], arrays, strict=True)),
-        ),
+        lateral=np.concatenate((old.lateral[drop:at], lateral)),
+        altitude=np.concatenate((old.altitude[drop:at], altitude)),
+        path=Path(first_span * KNOT_M, 1.0, *path),
         known_until=known_until,
         origin=old.origin,
         last_count=terrain_map.last_count,
         status=status,
     )
+
+
+def _plan_altitude(
+    old: Reference,
+    ground: Array,
+    height: Ramp,
+    parameters: ReferenceParameters,
+    station: float,
+    at: int,
+) -> tuple[Array, Status]:
+    """Return the altitude coefficients over sensed ground, kept ones first, and a status."""
+    s_0 = (old.first_span + at) * KNOT_M
+    limits = _limits(parameters)
+    spans = ceil((ground.size - 1) / SAMPLES)
+    h = np.full(spans * SAMPLES + 1, np.nan)
+    h[: ground.size] = ground
+    agl = _height(height, s_0 + SAMPLE_M * np.arange(h.size))
+    lowest = parameters.clearance_min_m
+    clearance = 0.9 * agl if lowest is None else np.minimum(lowest, agl)
+    target = h + agl
+    # nothing is committed before the first plan, so its start is free
+    kept = old.altitude[at : at + (3 if at else 0)]
+    if at == 0:
+        _fill_start(target, round((station - s_0) / SAMPLE_M), float(old.altitude[0]))
+    sensed = int(max(old.known_until - s_0, -1.0)) + 1
+    planned = old.path.altitude[at * PER_SPAN :][:sensed][:: int(SAMPLE_M)][: h.size]
+    before = np.full(h.size, np.nan)
+    before[: planned.size] = planned
+    v_0 = float(old.path.speed[at * PER_SPAN])
+    speed = unhindered_speed(v_0, KNOT_M * np.arange(spans + 1.0), limits)
+    new, status = plan_altitude(
+        target, h + clearance, kept, before, limits, speed, parameters.smoothing_m4
+    )
+    return np.concatenate((kept, new)), status
 
 
 def _limits(parameters: ReferenceParameters) -> Limits:

@@ -108,9 +108,7 @@ def update(
         tail[:, 3] = best.u[-1, 3]
     plan = Plan(memory.plan.sequence + 1, effective, H, np.concatenate([best.u, tail]))
     velocities = np.concatenate([committed, best.Y[_velocity_rows(task)].T])
-    memory = replace(
-        memory, plan=plan, expected=velocities[applied - 1], elapsed=applied * period
-    )
+    memory = replace(memory, plan=plan, expected=velocities[applied - 1], elapsed=applied * period)
     return memory, best, rung
 
 

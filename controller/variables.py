@@ -59,11 +59,11 @@ class Variable:
     depends_on: tuple[str, ...] = ()
 
     @property
-    def type(self) -> str:
+    def type(self) -> Any:
         """FMI 3 type name, from the start value."""
         if self.items:
             return "Enumeration"
-        kinds = {bool: "Boolean", int: "Int64", str: "String"}
+        kinds: dict[type, str] = {bool: "Boolean", int: "Int64", str: "String"}
         return kinds.get(type(self.start), "Float64")
 
 

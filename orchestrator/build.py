@@ -4,7 +4,7 @@ Everything cheap is checked first, and for all of them: see ``plans.py``.
 """
 
 import hashlib
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -45,7 +45,7 @@ def build(scenario: Scenario, announce: Announce = _silent) -> System:
     """
     plans = make_plans(scenario)
     try:
-        made = _make(plans, announce)
+        made = make(plans, announce)
         components = {spec.name: made["components", spec.name] for spec in scenario.components}
         system = couple(scenario, components)
         check_scene(scenario, system.ports)
@@ -54,23 +54,32 @@ def build(scenario: Scenario, announce: Announce = _silent) -> System:
     return system
 
 
-def _make(plans: Iterable[Plan], announce: Announce) -> dict[KeyPath, Any]:
-    """Return the resources and components by path, or report every constructor that refuses."""
+def make(plans: Iterable[Plan], announce: Announce = _silent) -> dict[KeyPath, Any]:
+    """Return the resources and components of plans, by path.
+
+    Raises
+    ------
+    ScenarioError
+        With every constructor's refusal, not yet located.
+    """
     made: dict[KeyPath, Any] = {}
     problems: list[Problem] = []
     for plan in plans:
-        needed = {key: ("resources", name) for key, name in plan.resources.items()}
-        if not all(path in made for path in needed.values()):
+        if not all(path in made for path in plan.needs):
             continue  # that one has failed, and is reported
-        resources = {key: made[path] for key, path in needed.items()}
         try:
             with _announced(str(plan.path[1]), announce):
-                made[plan.path] = plan.factory(**plan.arguments, **resources)
+                made[plan.path] = plan.factory(**arguments(plan, made))
         except (ValueError, KeyError, OSError, ImportError) as error:
             problems.append(_problem(plan, error))
     if problems:
         raise ScenarioError(problems)
     return made
+
+
+def arguments(plan: Plan, made: Mapping[KeyPath, Any]) -> dict[str, Any]:
+    """Return what a plan's factory is called with."""
+    return {**plan.arguments, **{k: made["resources", name] for k, name in plan.resources.items()}}
 
 
 @contextmanager

@@ -144,13 +144,16 @@ class Participant:
         if self._pending and self._pending[0][0] == time_ns:
             self.publish(time_ns, self._pending.popleft()[1])
 
-    def publish(self, time_ns: int, values: Values, *, is_last: bool = True) -> None:
+    def publish(self, time_ns: int, values: Values, is_last: bool = True) -> None:
         """Make outputs valid, unless one is not finite; the last of an instant is told."""
-        if not self._is_finite(values):
-            wrong = nonfinite(self._ports, values)
-            if wrong is not None:
-                self._policies.found_nonfinite(time_ns, wrong)
-                return
+        try:
+            wrong = None if self._is_finite(values) else nonfinite(self._ports, values)
+        except Exception as error:  # noqa: BLE001  (other names or types than at the start)
+            self._fail(time_ns, error)
+            return
+        if wrong is not None:
+            self._policies.found_nonfinite(time_ns, wrong)
+            return
         self.values = values
         if self._longest_delay >= 0:
             self._remember(time_ns)
@@ -182,7 +185,7 @@ class Participant:
                 self._fail(time_ns, error)
             else:
                 whole = values if is_all else {**self.values, **values}
-                self.publish(time_ns, whole, is_last=is_last)
+                self.publish(time_ns, whole, is_last)
 
         return read
 

@@ -41,6 +41,11 @@ class Plan:
     arguments: Mapping[str, Any]
     resources: Mapping[str, str]
 
+    @property
+    def needs(self) -> list[KeyPath]:
+        """Paths of the resources."""
+        return [("resources", name) for name in self.resources.values()]
+
 
 def make_plans(scenario: Scenario) -> list[Plan]:
     """Return the plans of all resources and components, in the order of making.
@@ -60,7 +65,7 @@ def make_plans(scenario: Scenario) -> list[Plan]:
     plans = {plan.path: plan for plan in made if plan is not None}
     try:
         order = list(
-            TopologicalSorter({path: _needs(plan) for path, plan in plans.items()}).static_order()
+            TopologicalSorter({path: plan.needs for path, plan in plans.items()}).static_order()
         )
     except CycleError as error:
         cycle: list[KeyPath] = error.args[1]
@@ -72,10 +77,6 @@ def make_plans(scenario: Scenario) -> list[Plan]:
     if faults:
         raise scenario_error(faults)
     return [plans[path] for path in order]
-
-
-def _needs(plan: Plan) -> list[KeyPath]:
-    return [("resources", name) for name in plan.resources.values()]
 
 
 def _plan(

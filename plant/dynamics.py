@@ -1,9 +1,10 @@
 """Nonlinear 9-degree-of-freedom helicopter: six rigid-body and three rotor degrees of freedom.
 
 Written once, on scalars and without a branch: plain Python as it stands. :func:`inject` rebinds the
-four elementary functions, so the same text is compiled by numba or traced symbolically. Frames: inertial NED, body FRD, 3-2-1 Euler
-angles. Rotor: flapping of first order with a stabiliser bar (structure of Mettler, Tischler, Kanade,
-CMU-RI-TR-00-03), Glauert inflow, ground effect after Cheeseman and Bennett.
+four elementary functions, so the same text is compiled by numba or traced symbolically. Frames:
+inertial NED, body FRD, 3-2-1 Euler angles. Rotor: flapping of first order with a stabiliser bar
+(structure of Mettler, Tischler, Kanade, CMU-RI-TR-00-03), Glauert inflow, ground effect after
+Cheeseman and Bennett.
 
 State x (17)::
 
@@ -17,6 +18,9 @@ in m/s for the collective one. Command u (4)::
 
 Pitch and roll are the disc tilts a_c, b_c in actuator form and attitude set-points in attitude form.
 """
+
+# pyright: basic
+# arguments are scalars, tuples or symbols: untyped on purpose
 
 from plant.elementary import nearest, select, sincos, sqrt
 
@@ -106,7 +110,7 @@ def _limited(T, p):
     A = PI * p.radius * p.radius
     sigma = p.blades * p.chord / (PI * p.radius)
     stall = p.CT_sigma_max * sigma * p.rho * A * (p.Omega * p.radius) ** 2
-    return select(T > stall, stall, T)
+    return select(stall < T, stall, T)
 
 
 def rotor_power(T, v_i, V_c, V_t2, p):
@@ -143,9 +147,7 @@ def airframe(x, a_c, b_c, tail, T, v_i, flow, air, angles, bias, p):
 
     # tail rotor
     v_t = v_a - p.l_t * r + p.h_t * P
-    T_t = (
-        p.weight * (tail - p.K_gyro * r) + p.T_v * v_t - p.TQFF * p.ROT * torque / p.l_t
-    )
+    T_t = p.weight * (tail - p.K_gyro * r) + p.T_v * v_t - p.TQFF * p.ROT * torque / p.l_t
     F_y = F_y - T_t
     L = L - p.h_t * T_t
     N = N + p.l_t * T_t
@@ -193,7 +195,9 @@ def airframe(x, a_c, b_c, tail, T, v_i, flow, air, angles, bias, p):
     north_dot = c_psi * ahead - s_psi * right
     east_dot = s_psi * ahead + c_psi * right
     down_dot = -s_th * u + c_th * (s_phi * v + c_phi * w)
-    safe = select(c_th < 0.0, -1.0, 1.0) * select(c_th * c_th < 1e-6, 1e-3, select(c_th < 0.0, -c_th, c_th))
+    safe = select(c_th < 0.0, -1.0, 1.0) * select(
+        c_th * c_th < 1e-6, 1e-3, select(c_th < 0.0, -c_th, c_th)
+    )
     turn = (s_phi * q + c_phi * r) / safe
     phi_dot = P + turn * s_th
     theta_dot = c_phi * q - s_phi * r

@@ -56,7 +56,7 @@ def _sqrt(x: float) -> float:
 
 @inline
 def _nearest(x: float) -> float:
-    """Round by adding and subtracting 1.5 * 2**52; exact for \\|x\\| < 2**51."""
+    """Round by adding and subtracting 1.5 * 2**52; exact for |x| < 2**51."""
     return (x + 6755399441055744.0) - 6755399441055744.0
 
 
@@ -73,9 +73,9 @@ _PIO2_3 = 2.02226624879595063154e-21
 
 @inline
 def _sincos(x: float) -> tuple[float, float]:
-    """Return (sin x, cos x) to about 1 ulp for \\|x\\| < 1e6 rad.
+    """Return (sin x, cos x) to about 1 ulp for |x| < 1e6 rad.
 
-    One range reduction to \\|y\\| <= pi/4, then the minimax polynomials of degree 13 and 14
+    One range reduction to |y| <= pi/4, then the minimax polynomials of degree 13 and 14
     (coefficients: FDLIBM, kernel sine and cosine).
     """
     n = _nearest(x * (2.0 / math.pi))

@@ -28,7 +28,9 @@ Floats = NDArray[np.float64]
 SAMPLE_PERIOD = 0.05  # s, over which a command is held
 OUTCOMES = ("flying", "collision", "departed", "left_terrain")
 
-_STATE_UNITS = ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3 + ("rad", "rad", "G", "rad", "rad")
+_STATE_UNITS = (
+    ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3 + ("rad", "rad", "G", "rad", "rad")
+)
 _STATE_MEANINGS = (
     "position north", "position east", "position down", "velocity forward", "velocity right",
     "velocity down (body)", "roll", "pitch", "heading, unwrapped", "roll rate", "pitch rate",
@@ -91,9 +93,13 @@ class Helicopter:
     def describe(self) -> Any:
         """Return the model description of this instance."""
         rows = [*self._variables, *parameter_variables(self._parameters)]
-        return model_description("Helicopter", "Yamaha R-50, nonlinear, 9 DOF", rows, has_state=True)
+        return model_description(
+            "Helicopter", "Yamaha R-50, nonlinear, 9 DOF", rows, has_state=True
+        )
 
-    def initialize(self, *, start_time: float, stop_time: float | None = None, seed: int = 0) -> None:
+    def initialize(
+        self, *, start_time: float, stop_time: float | None = None, seed: int = 0
+    ) -> None:
         """Put the helicopter at its start. Inputs set before are kept."""
         del start_time, stop_time, seed
         self._start()
@@ -123,7 +129,9 @@ class Helicopter:
         """Advance by one sample of 50 ms; after the end of the flight the helicopter stays put."""
         del time
         if abs(step_size - SAMPLE_PERIOD) > 1e-9:
-            raise ValueError(f"helicopter: wrong step size, got {step_size:g} s, expected {SAMPLE_PERIOD} s")
+            raise ValueError(
+                f"helicopter: wrong step size, got {step_size:g} s, expected {SAMPLE_PERIOD} s"
+            )
         if self._outcome == 0:
             rollout = self._craft.roll(self._lanes, self._commands, self._wind, (0.0, 0.0, 0.0))
             self._lanes = np.ascontiguousarray(rollout.last)
@@ -161,7 +169,9 @@ class Helicopter:
             climb = math.atan(float(h_n) * math.cos(heading) + float(h_e) * math.sin(heading))
         height = parameters.height_agl_m + delta.up_m
         if height <= 0:
-            raise ValueError(f"helicopter: start below ground, got height {height:g} m, expected above 0 m")
+            raise ValueError(
+                f"helicopter: start below ground, got height {height:g} m, expected above 0 m"
+            )
         state = np.array(level.state)
         state[:3] = north, east, -(ground + height)
         velocity = np.array(
@@ -193,9 +203,9 @@ class Helicopter:
 
     def _judge(self) -> int:
         clearance = self._clearance()
-        if not np.all(np.isfinite(self._lanes[0])) or np.any(
-            np.abs(self._lanes[0, 6:8]) > lanes.ATTITUDE_LIMIT
-        ):
+        x = self._lanes[0].tolist()
+        level = max(abs(x[6]), abs(x[7])) <= lanes.ATTITUDE_LIMIT
+        if not (level and math.isfinite(sum(x))):
             return OUTCOMES.index("departed")
         if math.isnan(clearance):
             return OUTCOMES.index("left_terrain")
@@ -236,7 +246,9 @@ def _body(ned: Floats, phi: float, theta: float, psi: float) -> Floats:
     return np.array(body_from_ned(tuple(ned), (*sincos(phi), *sincos(theta), *sincos(psi))))
 
 
-def _variables(craft: Rotorcraft, form: tuple[str, ...], start: Mapping[str, Any]) -> list[Variable]:
+def _variables(
+    craft: Rotorcraft, form: tuple[str, ...], start: Mapping[str, Any]
+) -> list[Variable]:
     p = craft.p
     command = craft.trim_command(craft.trim(30.0))
     rows = [
@@ -252,9 +264,17 @@ def _variables(craft: Rotorcraft, form: tuple[str, ...], start: Mapping[str, Any
         Variable(f"state.{name}", "output", unit, meaning)
         for name, unit, meaning in zip(STATES, _STATE_UNITS, _STATE_MEANINGS, strict=True)
     ]
-    rows += [Variable(n, "output", u, f"{n[5:]} of the body") for n, u in zip(_POSE, ("m",) * 3 + ("rad",) * 3, strict=True)]
+    rows += [
+        Variable(n, "output", u, f"{n[5:]} of the body")
+        for n, u in zip(_POSE, ("m",) * 3 + ("rad",) * 3, strict=True)
+    ]
     rows += [Variable(n, "output", "m/s", f"velocity over ground, {n[9:]}") for n in _VELOCITY]
-    limits = ((p.thrust_min, p.thrust_max), (-p.tilt_max, p.tilt_max), (-p.tilt_max, p.tilt_max), (-p.tail_max, p.tail_max))
+    limits = (
+        (p.thrust_min, p.thrust_max),
+        (-p.tilt_max, p.tilt_max),
+        (-p.tilt_max, p.tilt_max),
+        (-p.tail_max, p.tail_max),
+    )
     rows += [
         Variable(name, "output", unit, "actuator after stabiliser and limits", min=low, max=high)
         for name, unit, (low, high) in zip(_ACTUATOR, ("G", "rad", "rad", "G"), limits, strict=True)

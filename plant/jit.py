@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
+from numba.core import config as _config
 
 
 def cache_folder() -> Path:
@@ -27,6 +27,7 @@ def cache_folder() -> Path:
 
 
 _FOLDER = str(cache_folder())
+config: Any = _config  # its attributes are made at run time
 
 
 def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:

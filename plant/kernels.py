@@ -4,6 +4,9 @@ The named functions are thin on purpose: numba's cache tells kernels apart by na
 plant's rollout needs a ``def`` of its own.
 """
 
+# pyright: basic
+# arguments are scalars, tuples or symbols: untyped on purpose
+
 import math
 
 from plant import dynamics, lanes, terrain
@@ -13,9 +16,7 @@ from plant.jit import kernel
 _dynamics = compiled(dynamics)
 _shared = {**COMPILED, **_dynamics, "height": terrain.height}
 _thrust = inject(lanes, _shared, inline)
-_collective = inject(
-    lanes, {**_shared, "derivative": _dynamics["derivative_collective"]}, inline
-)
+_collective = inject(lanes, {**_shared, "derivative": _dynamics["derivative_collective"]}, inline)
 _roll_thrust = _thrust["roll"]
 _roll_collective = _collective["roll"]
 _height = terrain.height

@@ -9,6 +9,9 @@ Plain Python as it stands; :mod:`plant.kernels` compiles it once per plant, with
 to that plant's.
 """
 
+# pyright: basic
+# arguments are scalars, tuples or symbols: untyped on purpose
+
 import numpy as np
 
 from plant.dynamics import (
@@ -159,8 +162,9 @@ def roll(x0, commands, wind, bias, p, h, substeps, ground, terrain, out, last, v
                     w[_U + i * LANES + l] = commands[block + l, k, i]
                 if ground:
                     z = height(terrain, w[l], w[LANES + l])
-                    w[_G + l] = z if z == z else NO_GROUND  # noqa: PLR0124
-                    valid[block + l] &= z == z  # noqa: PLR0124
+                    known = not np.isnan(z)
+                    w[_G + l] = z if known else NO_GROUND
+                    valid[block + l] &= known
             for l in range(LANES):
                 thrust, pitch, roll_, tail = actuators(_state(w, l), _command(w, l), p)
                 out[10, k, block + l] = thrust

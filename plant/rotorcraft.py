@@ -39,13 +39,18 @@ class AirframeParameters:
     """Which helicopter."""
 
     preset: Annotated[Preset, "airframe variant"] = "r50"
-    command: Annotated[CommandForm, "what the four commands mean: actuators (the paper, literal) or "
-                       "set-points of the attitude stabiliser"] = "attitude"  # fmt: skip
-    rotor: Annotated[Literal["thrust", "collective"], "thrust: the paper's input is the thrust itself; "
-                     "collective: blades and pedal behind an allocation, so that gusts act"] = "thrust"  # fmt: skip
+    command: Annotated[
+        CommandForm, "actuator: the paper, literal; attitude: set-points of the stabiliser"
+    ] = "attitude"
+    rotor: Annotated[
+        Literal["thrust", "collective"],
+        "thrust: the input is the thrust itself; collective: blades behind an allocation",
+    ] = "thrust"
     bounds: Annotated[Bounds, "actuator limits"] = "paper"
     mass_kg: Annotated[float, Gt(0), "mass; 1 G of command stays the nominal 68 kg weight"] = 68.0
-    stabiliser_speed_mps: Annotated[float, Ge(0), "speed whose trim the stabiliser holds at zero error"] = 30.0
+    stabiliser_speed_mps: Annotated[
+        float, Ge(0), "speed whose trim the stabiliser holds at zero error"
+    ] = 30.0
     torque_feedforward: Annotated[bool, "tail thrust follows main-rotor torque"] = False
     substeps: Annotated[int, Ge(1), "Runge-Kutta steps per 50 ms sample"] = 2
 

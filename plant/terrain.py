@@ -147,7 +147,7 @@ class Terrain:
 def _ground(p: TerrainParameters) -> tuple[TerrainGrid, str]:
     """Return the spline of the file or the shape, and whose it is."""
     if p.file is not None:
-        posts = read_posts(p.file)
+        posts = read_posts(Path(p.file))
         ny, nx = posts.elevation.shape
         i, north0 = _kept("north", posts.spacing_north, ny, p.origin_north_m, p.extent_m)
         j, east0 = _kept("east", posts.spacing_east, nx, p.origin_east_m, p.extent_m)

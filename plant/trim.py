@@ -60,13 +60,13 @@ def trim(speed: float, p: Constants, ground: float = dynamics.NO_GROUND) -> Trim
     found = root(residual, guess, method="hybr", tol=1e-13)
     state, u = _level(found.x, speed, p)
     if np.max(np.abs(residual(found.x))) > 1e-8:
-        raise ValueError(f"trim: no level flight found, got speed {speed:g} m/s, expected 0 to 35 m/s")
+        raise ValueError(
+            f"trim: no level flight found, got speed {speed:g} m/s, expected 0 to 35 m/s"
+        )
     return Trim(state, u)
 
 
 def with_stabiliser(p: Constants, speed: float) -> Constants:
     """Return the constants in attitude form: gains of the attitude loop and its trim at ``speed``."""
     level = trim(speed, p).actuators
-    return p._replace(
-        **STABILISER_GAINS, a_trim=level[1], b_trim=level[2], tail_trim=level[3]
-    )
+    return p._replace(**STABILISER_GAINS, a_trim=level[1], b_trim=level[2], tail_trim=level[3])

@@ -234,7 +234,6 @@ def test_viewers_get_the_scene_in_their_frames(tmp_path):
     system = helicopter(cells=2, capacity=3, posts=2)
     values = dict.fromkeys(system.ports["vehicle"], 0.0)
     values |= {"pose.north": 1.0, "pose.east": 2.0, "pose.down": -3.0, "outcome": 0}
-    path = {p: np.zeros(p.shape) if p.shape else 0 for p in ()}
     mpc = {
         n: np.zeros(p.shape) if p.shape else 0
         for n, p in system.ports["mpc"].items()

@@ -173,7 +173,7 @@ def test_seed_decides(hills):
 
 def test_state_round_trip_is_exact(hills):
     """A sensor restored in the middle continues bit for bit, pending bursts and noise included."""
-    law = {"latency_min_s": 0.3, "latency_max_s": 0.6, "noise_m": 0.2, "drop_out": 0.2}
+    law = {"latency_min_s": 2.0, "latency_max_s": 3.0, "noise_m": 0.2, "drop_out": 0.2}
     sensor = started(hills, seed=7, **law)
     fly(sensor, 60, first=1)
     saved = sensor.get_state()
@@ -215,7 +215,7 @@ def test_shadow_bound_is_an_upper_bound(hills, north, psi, above):
         # samples 5 m apart miss a crest by little
         assert cell[2] <= max(below, height(hills.grid, cell[0], cell[1])) + 1e-9
         if cell[3] == SHADOW:
-            assert cell[2] == pytest.approx(below, abs=0.02 * 400 / 5)
+            assert cell[2] == pytest.approx(below, abs=2.0)
 
 
 def test_a_wall_hides_what_is_behind():
