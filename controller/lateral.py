@@ -185,7 +185,7 @@ def least_gradient(
     lane; leaving the sensed terrain UNSENSED, so that beyond it the path still obeys the corridor.
     ``offset_weight``, small against any gradient, lets it drift back over flat ground.
     """
-    lanes = int(max(float(width.max()), abs(offset)) // LANE_M) + 1
+    lanes = int(max(float(width.max()), abs(offset + slope * KNOT_M)) // LANE_M) + 1
     return _viterbi(
         terrain_map,
         course,

@@ -71,7 +71,7 @@ def outputs(p: MpcParameters, task: Task) -> list[Variable]:
         _discrete("cost.linear", "1", "cost that the linear model promised"),
         _discrete("step_length", "1", "accepted step of the line search"),
         replace(_discrete("ladder", "1", "how the plan came about", 0), items=LADDER),
-        replace(_discrete("solver", "1", "status of the quadratic programme", 0), items=SOLVER),
+        replace(_discrete("solver_status", "1", "status of the quadratic programme", 0), items=SOLVER),
         _discrete("iterations", "1", "iterations of the solver", 0),
         _discrete("slack", "m", "clearance missing in the plan"),
         *(_discrete(f"bias.{axis}", "m/s2", f"acceleration bias {axis}") for axis in _AXES),
@@ -110,7 +110,7 @@ def published(
         values[f"cost.{name}"] = min(J, 1e12)
     return values | {
         "step_length": best.step,
-        "solver": SOLVER.index("none" if solution is None else solution.status.value),
+        "solver_status": SOLVER.index("none" if solution is None else solution.status.value),
         "iterations": 0 if solution is None else solution.iterations,
         "slack": best.slack,
     }

@@ -82,7 +82,7 @@ class MpcParameters:
         0.0,
     )
     plan_capacity: Annotated[int, Ge(1), "samples in a plan"] = 200
-    scan_capacity: Annotated[int, Ge(1), "cells in a scan's ring"] = 4096
+    scan_capacity: Annotated[int, Ge(1), "cells in a scan's ring"] = 4500
 
 
 def reference_parameters(p: MpcParameters) -> ReferenceParameters:

@@ -5,10 +5,12 @@ scenario; 3 a defect; 130 interrupted, 143 terminated.
 """
 
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,6 +30,9 @@ app = App(
     name="hedgehop",
     help="Fly helicopters nap-of-the-earth: couple components by co-simulation and record them.",
     help_format="plaintext",
+    version=lambda: version("hedgehop"),
+    print_error=False,
+    exit_on_error=False,
     result_action="return_value",
     suppress_keyboard_interrupt=False,
 )
@@ -40,16 +45,18 @@ def main() -> None:
     """Run the command line and leave with its exit code."""
     for name in THREADS:  # before numpy is imported: more threads make a small problem slower
         os.environ[name] = "1"
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells hide it from background jobs
     sys.exit(status(sys.argv[1:]))
 
 
 def status(tokens: Sequence[str]) -> int:
     """Return the exit code of a command; errors become a line on stderr."""
     try:
-        code = app(tokens, exit_on_error=False)
+        code = app(tokens)
         sys.stdout.flush()
-    except CycloptsError:
-        return 2  # which has said what is wrong
+    except CycloptsError as error:
+        print(f"hedgehop: {error}", file=sys.stderr)
+        return 2
     except ScenarioError as error:
         _explain(error)
         return 2
@@ -60,7 +67,8 @@ def status(tokens: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except Exception as error:  # noqa: BLE001  the last resort
-        print(f"hedgehop: internal error, {type(error).__name__}: {error}", file=sys.stderr)
+        notes = "".join(f", {note}" for note in getattr(error, "__notes__", ()))
+        print(f"hedgehop: internal error, {type(error).__name__}: {error}{notes}", file=sys.stderr)
         if os.environ.get("HEDGEHOP_TRACEBACK") != "1":
             print("set HEDGEHOP_TRACEBACK=1 to see where", file=sys.stderr)
         else:
@@ -202,7 +210,7 @@ def inspect(use: str, /, *, scenario: Path | None = None) -> None:
         record = constructor(factory).record
         if record is not None:
             print_table(parameters_table(adapter(record).json_schema()))
-        if not hasattr(factory, "describe"):
+        if isinstance(factory, type) and not hasattr(factory, "describe"):
             return  # a resource
         arguments, where = example(factory, scenario)
         print(f"\nmade with {where}:\n")
@@ -284,7 +292,7 @@ def diff(a: Path, b: Path, /) -> int:
         found = differences.diff(a, b)
     for difference in found:
         print(difference)
-    print(f"{len(found)} differences" if found else "no difference")
+    print(f"{len(found)} signals or events differ" if found else "no difference")
     return int(bool(found))
 
 

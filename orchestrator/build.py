@@ -72,6 +72,9 @@ def make(plans: Iterable[Plan], announce: Announce = _silent) -> dict[KeyPath, A
                 made[plan.path] = plan.factory(**arguments(plan, made))
         except (ValueError, KeyError, OSError, ImportError) as error:
             problems.append(_problem(plan, error))
+        except Exception as error:
+            error.add_note(f"while making {dotted(plan.path)}")
+            raise
     if problems:
         raise ScenarioError(problems)
     return made

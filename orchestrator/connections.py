@@ -143,6 +143,8 @@ def _compare(source: Port, target: Port, problems: list[str]) -> tuple[float, fl
         problems.append(
             f"{target} cannot be a target, got {target.causality}, expected input{hint}"
         )
+    if source.causality != "output" or target.causality != "input":
+        return 1.0, 0.0
     if source.shape != target.shape:
         problems.append(f"{target}: wrong shape, got {source.shape}, expected {target.shape}")
     if source.kind != target.kind:

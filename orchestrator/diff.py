@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.recording import Messages, Recording, column
+from orchestrator.messages import Messages, column
+from orchestrator.recording import Recording
 from orchestrator.topics import EVENTS
 
 
@@ -132,13 +133,16 @@ def _signal(name: str, one: Recording, two: Recording) -> Iterator[Difference]:
     if unlike.any():
         k = int(np.argmax(unlike))
         if times_a[k] != times_b[k]:
-            first, x, y = min(times_a[k], times_b[k]), f"{times_a[k]} ns", f"{times_b[k]} ns"
-            yield Difference(name, "time", first / 1e9, x, y)
+            first_ns = int(min(times_a[k], times_b[k]))
+            x, y = f"{times_a[k]} ns", f"{times_b[k]} ns"
+            yield Difference(name, "time", first_ns / 1e9, x, y)
         else:
-            yield Difference(name, "value", times_a[k] / 1e9, *_first(a[k], b[k]))
+            yield Difference(name, "value", int(times_a[k]) / 1e9, *_first(a[k], b[k]))
     elif len(times_a) != len(times_b):
         longer = times_a if len(times_a) > n else times_b
-        yield Difference(name, "samples", longer[n] / 1e9, str(len(times_a)), str(len(times_b)))
+        yield Difference(
+            name, "samples", int(longer[n]) / 1e9, str(len(times_a)), str(len(times_b))
+        )
 
 
 def _unlike(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
@@ -148,7 +152,7 @@ def _unlike(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
     return (a != b).reshape(len(a), -1).any(axis=1)
 
 
-def _first(a: Any, b: Any) -> tuple[str, str]:  # noqa: ANN401  a scalar or an array of anything
+def _first(a: Any, b: Any) -> tuple[str, str]:
     """Return two samples as text, of arrays the first elements that differ."""
     if not isinstance(a, np.ndarray):
         return _text(a), _text(b)

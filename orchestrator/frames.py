@@ -24,11 +24,6 @@ def ned_to_enu(north: Length, east: Length, down: Length) -> tuple[Length, Lengt
     return east, north, -down
 
 
-def frd_to_flu(forward: Length, right: Length, down: Length) -> tuple[Length, Length, Length]:
-    """Return the components (x, y, z) in FLU of a body vector in FRD, scalar or array."""
-    return forward, -right, -down
-
-
 def orientation(phi: float, theta: float, psi: float) -> tuple[float, float, float, float]:
     """Return the unit quaternion (x, y, z, w) that turns FLU into ENU.
 

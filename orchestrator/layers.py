@@ -124,11 +124,11 @@ def _put(
     if not isinstance(root.value, dict):
         raise KeyError(f"nothing below {'.'.join(map(str, done))!r}, which is {root.plain()!r}")
     if not rest:
-        child = replace(value, key=key)
-    elif part in root.value:
+        return merge(root, replace(root, value={part: replace(value, key=key)}))
+    if part in root.value:
         child = _put(root.value[part], (*done, part), rest, value, key, creates)
     elif creates((*done, part)):
         child = _put(Node({}, value.mark, key), (*done, part), rest, value, key, creates)
     else:
         raise KeyError(f"no key {part!r} in the scenario{nearest(part, list(root.value))}")
-    return merge(root, Node({part: child}, root.mark, root.key))
+    return replace(root, value={**root.value, part: child})

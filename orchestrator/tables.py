@@ -44,7 +44,7 @@ def flight_table(title: str, metrics: Mapping[str, Any], recording: Path | None)
     for rung, count in (metrics.get("ladder") or {}).items():
         table.add_row(f"ladder: {rung}", f"{count}")
     if recording is not None:
-        table.add_row("recording", f"{recording}, {recording.stat().st_size / 1e6:.1f} MB")
+        table.add_row("recording", f"{recording}, {recording.stat().st_size / 1e6:.3g} MB")
     return table
 
 
@@ -80,11 +80,12 @@ def parameters_table(schema: Mapping[str, Any]) -> Table:
     table = _table("parameters")
     for heading in ("name", "unit", "default", "expected", "meaning"):
         table.add_column(heading, overflow="fold")
+    needed = schema.get("required", ())
     for name, one in keys(schema, schema).items():
         table.add_row(
             name,
             unit_of(name) or "",
-            show(one["default"]) if "default" in one else "required",
+            show(one["default"]) if "default" in one else "required" if name in needed else "...",
             expected(one, schema),
             one.get("description", ""),
         )

@@ -12,8 +12,7 @@ from rich.table import Table
 
 def print_table(table: Table) -> None:
     """Print to stdout, as wide as the terminal; wide enough for whole lines elsewhere."""
-    console = Console(highlight=False)
-    console.print(table, width=None if console.is_terminal else 160, no_wrap=None)
+    Console(highlight=False, width=None if sys.stdout.isatty() else 160).print(table)
 
 
 def announce(name: str) -> None:

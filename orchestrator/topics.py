@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from orchestrator.description import Port
-from orchestrator.schemas import Channel, channel, channels, descriptors
+from orchestrator.descriptors import descriptors
+from orchestrator.schemas import Channel, channel, channels
 from orchestrator.system import System
 from orchestrator.units import Unit
 from orchestrator.views import file_descriptors, views

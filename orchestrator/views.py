@@ -14,7 +14,6 @@ from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from orchestrator.description import Port, members
-from orchestrator.errors import nearest
 from orchestrator.frames import BODY, MAP, ned_to_enu, orientation
 from orchestrator.wire import LENGTH, Encoder, delimited, tag
 
@@ -68,17 +67,14 @@ def _members(
     wanted: tuple[str, ...],
     ports: Mapping[str, Mapping[str, Port]],
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the component of a role and the names of the wanted members of its group."""
+    """Return the component of a role and the variables that it takes from it."""
     component, _, group = scene[role].partition(".")
     found = members(ports.get(component, {}), group)
-    for member in wanted:
-        if member not in found:
-            known = [*found] or [f"{c}.{p.split('.')[0]}" for c in ports for p in ports[c]]
-            raise ValueError(
-                f"scene role {role!r}: no such output, got {f'{scene[role]}.{member}'!r}, "
-                f"expected a group with {', '.join(wanted)}"
-                f"{nearest(member if found else scene[role], known)}"
-            )
+    if any(member not in found or found[member].causality != "output" for member in wanted):
+        raise ValueError(
+            f"scene.{role}: no such outputs, got {scene[role]!r}, "
+            f"expected a group with {', '.join(wanted)}"
+        )
     return component, tuple(f"{group}.{member}" for member in wanted)
 
 

@@ -54,6 +54,8 @@ def _words(schema: Schema, key: str | int) -> str:
     if kind == "array":
         sizes = dict.fromkeys(schema[name] for name in ("minItems", "maxItems") if name in schema)
         return f"a list of {' to '.join(map(str, sizes))}" if sizes else "a list"
+    if kind == "object" and "properties" in schema:
+        return f"a mapping of {', '.join(schema['properties'])}"
     return PLAIN.get(str(kind), "a file name" if schema.get("format") == "path" else "text")
 
 

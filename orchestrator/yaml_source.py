@@ -16,7 +16,7 @@ from orchestrator.marks import Fault, KeyPath, Mark, Node, Scalar, dotted
 
 BREAKS = "\r\n|[\n\r\x85\u2028\u2029]"  # where PyYAML counts lines
 MAX_NESTING = 50
-MAX_VALUES = 100_000  # aliases included: ten short lines of them can stand for a billion values
+MAX_VALUES = 20_000  # aliases included: ten short lines of them can stand for a billion values
 
 TAG = "tag:yaml.org,2002:"
 NOTATION = {  # tag: how it is written, first letters; the first match decides
@@ -42,7 +42,13 @@ class _Dumper(yaml.SafeDumper):
         """Write every value out."""
         return True
 
+    def represent_str(self, data: str) -> yaml.ScalarNode:
+        """Escape the line breaks that PyYAML would fold away."""
+        style = '"' if re.search("[\x85\u2028\u2029]", data) else None
+        return self.represent_scalar(TAG + "str", data, style=style)
 
+
+_Dumper.add_representer(str, _Dumper.represent_str)
 for _name, (_pattern, _first) in NOTATION.items():
     for _class in (_Loader, _Dumper):
         _class.add_implicit_resolver(TAG + _name, re.compile(f"^(?:{_pattern})$"), list(_first))

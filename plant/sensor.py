@@ -38,19 +38,13 @@ class TerrainSensorParameters:
     occlusion: Annotated[bool, "ground behind ground is hidden"] = False
     ray_step_m: Annotated[float, Gt(0), "between samples along a line of sight"] = 5.0
     noise_m: Annotated[float, Ge(0), "standard deviation of a seen elevation"] = 0.0
-    ring_bursts: Annotated[int, Ge(1), "bursts that the ring holds"] = 3
+    scan_capacity: Annotated[int, Ge(1), "cells that the ring holds"] = 4500
 
     def __post_init__(self) -> None:
         if self.latency_max_s < self.latency_min_s:
             raise ValueError(
                 f"sensor.latency_max_s: too small, got {self.latency_max_s:g} s, "
                 f"expected at least latency_min_s, {self.latency_min_s:g} s"
-            )
-        enough = math.floor(WINDOW / (self.min_interval_s + self.mean_interval_s)) + 1
-        if self.ring_bursts < enough:
-            raise ValueError(
-                f"sensor.ring_bursts: fewer than come in {WINDOW:g} s on average, "
-                f"got {self.ring_bursts}, expected at least {enough}"
             )
 
     @property
@@ -111,7 +105,14 @@ class TerrainSensor:
                 f"expected at most {MAX_BURST}, as from larger cells"
             )
         self._burst = np.empty((3, burst)), np.empty(burst, np.int64)
-        self._capacity = parameters.ring_bursts * burst
+        per_window = math.floor(WINDOW / (parameters.min_interval_s + parameters.mean_interval_s))
+        enough = burst * (per_window + 1)
+        if parameters.scan_capacity < enough:
+            raise ValueError(
+                f"sensor.scan_capacity: too small for the bursts that come in {WINDOW:g} s on "
+                f"average, got {parameters.scan_capacity} cells, expected at least {enough}"
+            )
+        self._capacity = parameters.scan_capacity
         self._inputs = {f"pose.{name}": 0.0 for name in _POSE}
         self._posed = False
         self._restart(start_time=0.0, seed=0)

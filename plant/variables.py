@@ -68,15 +68,16 @@ class Variable:
 
 
 def parameter_variables(record: Any, tunable: Sequence[str] = ()) -> list[Variable]:
-    """Return a row for every scalar field of a parameter dataclass; units come from the suffixes.
+    """Return a row for every number and flag of a parameter dataclass; suffixes give the units.
 
-    A string inside ``Annotated[...]`` is the field's meaning.
+    A string inside ``Annotated[...]`` is the field's meaning. Texts choose a structure, which the rest
+    of the description shows; they are not variables.
     """
     hints = get_type_hints(type(record), include_extras=True)
     rows: list[Variable] = []
     for field in fields(record):
         value = getattr(record, field.name)
-        if not isinstance(value, bool | int | float | str):
+        if not isinstance(value, bool | int | float):
             continue
         hint = hints[field.name]
         notes = get_args(hint)[1:] if get_origin(hint) is Annotated else ()

@@ -11,7 +11,8 @@ from orchestrator.system import Schedule, System
 from orchestrator.units import Unit
 
 TICK_NS = 50_000_000
-STATES = tuple("north east down u v w phi theta psi p q r a b thrust c d".split())
+POSITION, ANGLES = ("north", "east", "down"), ("phi", "theta", "psi")
+STATES = (*POSITION, *"uvw", *ANGLES, *"pqrab", "thrust", *"cd")
 LADDER = dict(enumerate(("full step", "shorter step", "old tail", "trim")))
 OUTCOME = dict(enumerate(("flying", "collision", "departed", "left_terrain")))
 SCENE = {
@@ -68,10 +69,15 @@ def make_system(ports, scene=None, *, links=(), wall_clock=False, **scenario):
 def helicopter(*, capacity=200, posts=60, cells=1000, **more):
     """Return a system with the ports of the whole helicopter scenario."""
     ports = [port("vehicle", f"state.{name}", "m") for name in STATES]
-    ports += [port("vehicle", f"pose.{name}", "m") for name in ("north", "east", "down")]
-    ports += [port("vehicle", f"pose.{name}", "rad") for name in ("phi", "theta", "psi")]
-    ports += [port("vehicle", f"velocity.{name}", "m/s") for name in ("north", "east", "down")]
-    bounds = {"thrust": (0.0, 3.5), "pitch": (-0.35, 0.35), "roll": (-0.35, 0.35), "tail": (-0.5, 0.5)}
+    ports += [port("vehicle", f"pose.{name}", "m") for name in POSITION]
+    ports += [port("vehicle", f"pose.{name}", "rad") for name in ANGLES]
+    ports += [port("vehicle", f"velocity.{name}", "m/s") for name in POSITION]
+    bounds = {
+        "thrust": (0.0, 3.5),
+        "pitch": (-0.35, 0.35),
+        "roll": (-0.35, 0.35),
+        "tail": (-0.5, 0.5),
+    }
     ports += [
         port("vehicle", f"actuator.{name}", "rad", min=low, max=high)
         for name, (low, high) in bounds.items()
@@ -79,7 +85,7 @@ def helicopter(*, capacity=200, posts=60, cells=1000, **more):
     ports += [port("vehicle", "clearance"), port("vehicle", "load_factor", "G")]
     ports += [port("vehicle", "outcome", kind="Enumeration", items=OUTCOME)]
     ports += [port("vehicle", "valid", kind="Boolean")]
-    ports += [port("gust", f"wind.{name}", "m/s") for name in ("north", "east", "down")]
+    ports += [port("gust", f"wind.{name}", "m/s") for name in POSITION]
     ports += [port("sensor", f"scan.{name}", kind="Int64") for name in ("sequence", "count")]
     held = {"variability": "discrete"}
     ports += [port("sensor", f"scan.{name}", **held) for name in ("stamp", "cell_size")]
@@ -94,7 +100,7 @@ def helicopter(*, capacity=200, posts=60, cells=1000, **more):
         port("mpc", f"plan.{name}", "rad", shape=(capacity,), **held)
         for name in ("thrust", "pitch", "roll", "heading")
     ]
-    ports += [port("mpc", f"path.{name}", shape=(capacity,)) for name in ("north", "east", "down")]
+    ports += [port("mpc", f"path.{name}", shape=(capacity,)) for name in POSITION]
     ports += [
         port("mpc", f"reference.{name}", shape=(posts,), **held)
         for name in ("north", "east", "altitude", "heading", "speed")

@@ -1,5 +1,7 @@
 """Tiny components whose behaviour is a function and whose calls can be logged."""
 
+# ruff: noqa: D102  (the contract's members are documented in orchestrator/component.py)
+
 import pickle
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -48,8 +50,10 @@ def describe(name, rows, *, variable_step=False, state=False, units=UNITS):
 
     made, types = {}, []
     for reference, row in enumerate(rows, start=1):
-        kind = "Enumeration" if row.items else {bool: "Boolean", int: "Int64", str: "String"}.get(
-            type(row.start), "Float64"
+        kind = (
+            "Enumeration"
+            if row.items
+            else {bool: "Boolean", int: "Int64", str: "String"}.get(type(row.start), "Float64")
         )
         declared = None
         if row.items:
@@ -57,8 +61,10 @@ def describe(name, rows, *, variable_step=False, state=False, units=UNITS):
             declared = fmi.SimpleType(name=f"{row.name}_t", type="Enumeration", items=items)
             types.append(declared)
         is_output = row.causality == "output"
-        natural = "fixed" if row.causality == "parameter" else (
-            "continuous" if kind == "Float64" else "discrete"
+        natural = (
+            "fixed"
+            if row.causality == "parameter"
+            else ("continuous" if kind == "Float64" else "discrete")
         )
         start = str(row.start).lower() if isinstance(row.start, bool) else str(row.start)
         made[row.name] = fmi.ModelVariable(
@@ -91,8 +97,10 @@ def describe(name, rows, *, variable_step=False, state=False, units=UNITS):
             canSerializeFMUstate=state,
         ),
         unitDefinitions=[
-            fmi.Unit(name=n, baseUnit=fmi.BaseUnit(kg=u[0], m=u[1], s=u[2], rad=u[3], factor=u[4],
-                                                   offset=u[5]))
+            fmi.Unit(
+                name=n,
+                baseUnit=fmi.BaseUnit(kg=u[0], m=u[1], s=u[2], rad=u[3], factor=u[4], offset=u[5]),
+            )
             for n, u in units.items()
         ],
         typeDefinitions=types,
@@ -232,6 +240,14 @@ def make_restorable(start=1.0):
     return RandomWalk(start)
 
 
+def make_forgetful():
+    """Return a random walk whose state lacks the generator."""
+    walk = RandomWalk()
+    walk.get_state = lambda: pickle.dumps((walk.values, None))
+    walk.set_state = lambda state: walk.values.update(pickle.loads(state)[0])
+    return walk
+
+
 class RandomWalk:
     """y += normal noise + u; the seed decides. Restores its generator with everything else."""
 
@@ -288,7 +304,8 @@ def system(components, connections=(), duration_s=1.0, events=(), end_on=(), see
             ComponentSpec(name, "scripted", **keys.get(name, {})) for name in components
         ),
         connections=tuple(
-            ConnectionSpec(*(side.strip() for side in text.split("->")), delay) for text, delay in pairs
+            ConnectionSpec(*(side.strip() for side in text.split("->")), delay)
+            for text, delay in pairs
         ),
         events=tuple(events),
         end_on=tuple(end_on),

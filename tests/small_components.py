@@ -1,6 +1,7 @@
 """Components small enough to see through: a glider over flat ground, and who steers it."""
 
-from collections.abc import Sequence
+import os
+import signal
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,14 +11,37 @@ from annotated_types import Ge, Le, Len
 
 from plant.variables import Execution, Variable, model_description, parameter_variables
 
-OUTCOMES = ("flying", "collision")
+SCENARIO = """\
+title: A glider
+duration_s: 10
+resources:
+  ground: {use: small_components:Ground, parameters: {file: ground.txt}}
+components:
+  glider:
+    use: small_components:Glider
+    rate_hz: 20
+    parameters:
+      altitude_m: 90
+      ground: ${ground}
+  pilot:
+    use: small_components:Pilot
+    parameters: {gain_per_s: 0.5}
+connections:
+  - glider.state -> pilot.state
+  - {from: pilot.command, to: glider.command, delay_s: 0.05}
+events:
+  - {at_s: 5, set: pilot.height_m, value: 50.0}
+scene: {clearance: glider.clearance, height_agl: pilot.height_m}
+end_on: [glider.outcome]
+"""
+GROUND = "10"  # the elevation in ground.txt
 
 
 @dataclass(frozen=True)
 class GroundParameters:
     """What the ground is like."""
 
-    file: Annotated[Path, "text file whose first line is the elevation, m"]
+    file: Annotated[Path, "text file that holds the elevation, m"]
     offset_m: Annotated[float, "added to the elevation"] = 0.0
 
 
@@ -29,11 +53,11 @@ class Ground:
         try:
             self.elevation = float(text) + parameters.offset_m
         except ValueError:
-            raise ValueError(f"file: not a number, got {text!r}, expected the elevation") from None
+            raise ValueError(f"file: truncated, got {text!r}, expected an elevation") from None
 
 
-class Loop:
-    """A resource that needs another."""
+class Link:
+    """A resource that needs another and takes no parameters."""
 
     def __init__(self, *, other) -> None:
         self.other = other
@@ -44,6 +68,13 @@ class Wing:
     """A part of the glider."""
 
     span_m: Annotated[float, Ge(0), "tip to tip"] = 2.0
+    chord_m: Annotated[float, Ge(0), "front to back"] = 0.1
+
+    def __post_init__(self):
+        if self.chord_m > self.span_m:
+            raise ValueError(
+                f"chord_m: above the span, got {self.chord_m} m, expected up to {self.span_m} m"
+            )
 
 
 @dataclass(frozen=True)
@@ -61,8 +92,15 @@ class GliderParameters:
     trim_deg: Annotated[float | None, "None finds it"] = None
 
 
+def known(values, names):
+    """Raise KeyError for what is not among the names."""
+    for name in values:
+        if name not in names:
+            raise KeyError(f"no variable {name!r}, expected one of {sorted(names)}")
+
+
 class Glider:
-    """Continuous: climbs at `climb`, flies north at its speed, collides with the ground."""
+    """Continuous: climbs as told, flies north at its speed, collides with the ground."""
 
     execution = Execution("continuous", 20.0)
 
@@ -88,7 +126,7 @@ class Glider:
                 Variable("state.climb", "output", "m/s", "now", depends_on=("command.climb",)),
                 Variable("clearance", "output", "m", "above ground"),
                 Variable("trail", "output", "m", "altitude, three times", shape=(3,)),
-                Variable("outcome", "output", "1", "why it ended", start=0, items=OUTCOMES),
+                Variable("outcome", "output", "1", "how", start=0, items=("flying", "collision")),
                 *parameter_variables(self.parameters),
             ],
         )
@@ -97,9 +135,10 @@ class Glider:
         pass
 
     def set(self, values):
+        known(values, {"command.climb"})
         self.climb = values.get("command.climb", self.climb)
 
-    def get(self, names: Sequence[str]):
+    def get(self, names):
         values = {
             "state.north": self.north,
             "state.altitude": self.altitude,
@@ -108,6 +147,7 @@ class Glider:
             "trail": np.full(3, self.altitude),
             "outcome": int(self.altitude < self.elevation),
         }
+        known(names, values)
         return {name: values[name] for name in names}
 
     def step(self, time, step_size):
@@ -123,7 +163,7 @@ class Glider:
 class PilotParameters:
     """What the pilot wants."""
 
-    altitude_m: Annotated[float, "to hold"] = 100.0
+    height_m: Annotated[float, "altitude to hold"] = 100.0
     gain_per_s: Annotated[float, Ge(0), "climb per altitude error"] = 0.5
     names: Annotated[list[str], Len(0, 2), "of the crew"] = field(default_factory=list)
 
@@ -136,8 +176,14 @@ class Pilot:
     def __init__(self, parameters: PilotParameters, *, latency_s: float = 0.0) -> None:
         self.parameters = parameters
         self.latency_s = latency_s
-        self.altitude_m = parameters.altitude_m
-        self.altitude = self.climb = 0.0
+        self.values = {
+            "state.north": 0.0,
+            "state.altitude": 0.0,
+            "state.climb": 0.0,
+            "trail": np.zeros(2),
+            "height_m": parameters.height_m,
+        }
+        self.climb = 0.0
 
     def describe(self):
         return model_description(
@@ -149,7 +195,7 @@ class Pilot:
                 Variable("state.climb", "input", "m/s", "now"),
                 Variable("trail", "input", "m", "altitudes", shape=(2,)),
                 Variable("command.climb", "output", "m/s", "rate", depends_on=("state",)),
-                *parameter_variables(self.parameters, tunable=["altitude_m"]),
+                *parameter_variables(self.parameters, tunable=["height_m"]),
             ],
         )
 
@@ -157,18 +203,43 @@ class Pilot:
         self.step(start_time, 0.0)
 
     def set(self, values):
-        self.altitude = values.get("state.altitude", self.altitude)
-        self.altitude_m = values.get("altitude_m", self.altitude_m)
+        known(values, self.values)
+        self.values |= values
 
     def get(self, names):
+        known(names, {"command.climb"})
         return {name: self.climb for name in names}
 
     def step(self, time, step_size):
-        self.climb = self.parameters.gain_per_s * (self.altitude_m - self.altitude)
+        error = self.values["height_m"] - self.values["state.altitude"]
+        self.climb = self.parameters.gain_per_s * error
         return 0
 
     def terminate(self):
         pass
+
+
+class Interrupter(Pilot):
+    """A pilot who presses Ctrl-C after one second."""
+
+    def step(self, time, step_size):
+        if time >= 1.0:
+            os.kill(os.getpid(), signal.SIGINT)
+        return super().step(time, step_size)
+
+
+class Refuser(Pilot):
+    """A pilot who cannot start."""
+
+    def initialize(self, *, start_time, stop_time, seed):
+        raise ValueError("start outside the terrain, got north 5 m, expected up to 3 m")
+
+
+class Failing(Pilot):
+    """A pilot who fails in flight."""
+
+    def step(self, time, step_size):
+        return 3 if time >= 1.0 else 0
 
 
 def broken(parameters: PilotParameters) -> Pilot:
@@ -176,4 +247,4 @@ def broken(parameters: PilotParameters) -> Pilot:
     raise RuntimeError("a defect")
 
 
-not_a_factory = 3
+not_callable = 3

@@ -34,7 +34,9 @@ def test_every_sequence_of_calls_follows_the_table(calls):
     for call in calls:
         before = len(log)
         if call not in LIFE_CYCLE[state]:
-            with pytest.raises(CouplingError, match=f"{call} is not permitted, got state '{state}'"):
+            with pytest.raises(
+                CouplingError, match=f"{call} is not permitted, got state '{state}'"
+            ):
                 CALLS[call](instance)
             assert len(log) == before
         else:

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
-from fake_system import TICK_NS, flight, helicopter, make_system, port, tell
+from fake_system import ANGLES, POSITION, TICK_NS, flight, helicopter, make_system, port, tell
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 
 from orchestrator.listener import Result
 from orchestrator.recorder import Recorder
 from orchestrator.recording import Event, Recording
+from orchestrator.records import EventSpec
 from orchestrator.scenario import load
 from orchestrator.trace import Trace
 
@@ -77,7 +79,7 @@ def test_every_value_comes_back(tmp_path_factory, rows, n, m):
     for each in ports:
         times, values = recording[str(each)]
         told = [arguments[2][each.name] for _, arguments in calls]
-        assert times.tolist() == [k * 0.05 for k in range(len(rows))]
+        assert times.tolist() == [k * TICK_NS / 1e9 for k in range(len(rows))]
         assert values.shape == (len(rows), *each.shape)
         if each.kind == "float":
             assert values.tobytes() == np.array(told).tobytes()
@@ -89,7 +91,7 @@ def test_inputs_and_parameters_have_their_own_times(tmp_path):
     """A sample is there only where the variable was told; parameters are told all together."""
     ports = [port("mpc", name, causality="parameter") for name in ("speed", "height")]
     ports += [port("mpc", name, causality="input") for name in ("a", "b")]
-    events = [type("E", (), {"set": f"mpc.{name}"})() for name in ("a", "b")]
+    events = tuple(EventSpec(0.0, f"mpc.{name}", 1.0) for name in ("a", "b"))
     calls = [
         ("parameters", (0, "mpc", {"speed": 30.0, "height": 10.0})),
         ("inputs", (0, "mpc", {"a": 1.0})),
@@ -97,7 +99,7 @@ def test_inputs_and_parameters_have_their_own_times(tmp_path):
         ("parameters", (TICK_NS, "mpc", {"height": 5.0})),
     ]
     path = tmp_path / "a.mcap"
-    tell(Recorder(path), make_system(ports, events=tuple(events)), calls)
+    tell(Recorder(path), make_system(ports, events=events), calls)
     recording = Recording.open(path)
     samples = {name: [each.tolist() for each in recording[name]] for name in recording.names}
     assert samples == {
@@ -182,7 +184,7 @@ def test_the_attached_scenario_can_be_loaded_again(file, tmp_path):
         "events: [{at_s: 0.5, set: b.z, value: 3}]\nscene: {pose: a.pose}\nend_on: [a.outcome]\n"
     )
     scenario = load(path)
-    system = make_system([port("a", f"pose.{n}") for n in "north east down phi theta psi".split()])
+    system = make_system([port("a", f"pose.{n}") for n in (*POSITION, *ANGLES)])
     object.__setattr__(system, "scenario", scenario)
     recorded = tmp_path / "a.mcap"
     tell(Recorder(recorded), system, [("log", (0, 20, "a", "b"))])
@@ -193,7 +195,5 @@ def test_the_attached_scenario_can_be_loaded_again(file, tmp_path):
 
 
 def attachment(path, name):
-    from mcap.reader import make_reader
-
     with path.open("rb") as stream:
         return next(a.data for a in make_reader(stream).iter_attachments() if a.name == name)

@@ -9,7 +9,8 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.schemas import channel, channels, identifier, message_class, variable_name
+from orchestrator.descriptors import identifier, message_class
+from orchestrator.schemas import channel, channels, variable_name
 from orchestrator.wire import encoder, partial_encoder, timestamp, varint
 
 NAMES = st.lists(
@@ -68,7 +69,7 @@ def test_units_and_original_names_are_comments_in_the_schema():
     """Whoever reads the schema sees name, unit and meaning above every field."""
     each = only(port("vehicle", "der(x)", "m/s", description="speed", max=2.0))
     (location,) = FileDescriptorSet.FromString(each.descriptors).file[1].source_code_info.location
-    assert location.leading_comments == " der(x) [m/s, None to 2.0] speed\n"
+    assert location.leading_comments == " der(x) [m/s, ..2.0] speed\n"
     assert list(location.path) == [4, 0, 2, 1]
 
 

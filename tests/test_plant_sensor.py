@@ -139,7 +139,7 @@ def test_drop_out_loses_its_share(hills):
 def test_a_2_hz_reader_loses_nothing(hills, seed, phase):
     """Whoever reads every 0.5 s finds all cells of all bursts, even when bursts come thick."""
     law = {
-        "min_interval_s": 0.05, "mean_interval_s": 0.25, "latency_max_s": 0.3, "ring_bursts": 2,
+        "min_interval_s": 0.05, "mean_interval_s": 0.25, "latency_max_s": 0.3, "scan_capacity": 600,
     }  # fmt: skip
     sensor, often = (started(hills, seed=seed, range_m=100.0, **law) for _ in range(2))
     read, everything = cells(sensor), [cells(often)]
@@ -264,7 +264,7 @@ def test_description(hills):
     md = sensor.describe()
     assert not validate_model_description(md)
     by_name = {v.name: v for v in md.modelVariables}
-    capacity = 3 * largest_burst(TerrainSensorParameters().view)
+    capacity = TerrainSensorParameters().scan_capacity
     assert [by_name[n].dimensions[0].start for n in RING] == [str(capacity)] * 4
     assert [by_name[n].type for n in RING] == ["Float64"] * 3 + ["Int64"]
     feeds = {u.variable.name: {d.name for d in u.dependencies} for u in md.outputs}
@@ -283,7 +283,7 @@ def test_errors(hills):
         sensor.get(["scan.counts"])
     with pytest.raises(ValueError, match=r"sensor.latency_max_s: too small, got 0.1 s"):
         TerrainSensorParameters(latency_min_s=0.2)
-    with pytest.raises(ValueError, match=r"sensor.ring_bursts: .* got 2, expected at least 4"):
-        TerrainSensorParameters(mean_interval_s=0.05, ring_bursts=2)
+    with pytest.raises(ValueError, match=r"sensor.scan_capacity: too small .* got 2000 cells"):
+        TerrainSensor(TerrainSensorParameters(scan_capacity=2000, mean_interval_s=0.1), terrain=hills)
     with pytest.raises(ValueError, match=r"sensor.cell_size_m: too many cells in a burst"):
         TerrainSensor(TerrainSensorParameters(cell_size_m=0.5), terrain=hills)

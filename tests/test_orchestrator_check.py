@@ -1,0 +1,145 @@
+"""The conformance suite finds what it promises to find."""
+
+import numpy as np
+import pytest
+from scripted import RandomWalk, Row, Scripted, counter, gain, integrator, make_restorable
+
+from orchestrator.check import CONTRACT, check_component
+
+
+def verdicts(factory, **more):
+    """Return verdict by clause."""
+    return {clause.name: clause.verdict for clause in check_component(factory, **more)}
+
+
+def details(factory, **more):
+    """Return the failed clauses with their details."""
+    return {c.name: c.detail for c in check_component(factory, **more) if c.verdict == "failed"}
+
+
+def broken(make, **members):
+    """Return a factory of components with other members."""
+
+    def factory():
+        component = make()
+        for name, member in members.items():
+            setattr(component, name, member(component))
+        return component
+
+    return factory
+
+
+@pytest.mark.parametrize("factory", [integrator, counter, gain], ids=lambda f: f.__name__)
+def test_good_components_pass(factory):
+    """A component that keeps the contract passes every clause that applies."""
+    found = verdicts(factory)
+    assert list(found) == list(CONTRACT)
+    assert found.pop("state") == "not applicable"
+    assert set(found.values()) == {"passed"}
+
+
+def test_state_continues_in_a_new_process():
+    """An advertised state is restored elsewhere to the same last bit."""
+    clauses = check_component("scripted:make_restorable", {"start": 2.0})
+    assert {clause.verdict for clause in clauses} == {"passed"}
+    assert clauses[-1].detail.endswith(" bytes")
+
+
+def test_an_incomplete_state_is_found():
+    """A state without the random generator continues differently."""
+    assert details("scripted:make_forgetful") == {
+        "state": "outputs after the restored state differ"
+    }
+
+
+def test_state_needs_a_factory_by_name():
+    """What cannot be tried is said, not passed."""
+    clause = check_component(make_restorable)[-1]
+    assert (clause.verdict, clause.detail) == (
+        "not applicable", "not tried: the factory must be 'module:attribute'",
+    )  # fmt: skip
+    clause = check_component("scripted:make_restorable", {"start": lambda: 1.0})[-1]
+    assert clause.verdict == "failed" or "cannot be pickled" in clause.detail
+
+
+def noisy():
+    """Return a component that draws from the global generator when it is made."""
+    np.random.rand()  # noqa: NPY002
+    return integrator()
+
+
+def handing_out():
+    """Return a component that hands out its own arrays."""
+    component = Scripted("sampled", 2.0, [Row("y", "output", shape=(2,))])
+    component.get = lambda names: {"y": component.values["y"]}
+    return component
+
+
+def aliasing():
+    """Return a component that keeps the arrays that it is given."""
+    component = Scripted(
+        "sampled", 2.0, [Row("x", "input", shape=(2,)), Row("y", "output", shape=(2,))]
+    )
+    component.set = component.values.update
+    component.get = lambda names: {"y": component.values["x"]}
+    return component
+
+
+def counting_reads():
+    """Return a component whose output rises when it is read."""
+    component = integrator()
+
+    def pass_on(values):
+        values["y"] += 1.0
+
+    component.pass_on = pass_on
+    return component
+
+
+CASES = [
+    (broken(integrator, execution_=lambda c: c.rows.append(Row("1y", "output"))), "description"),
+    (noisy, "construction"),
+    (broken(integrator, kind=lambda c: "sometimes"), "execution"),
+    (broken(integrator, rate_hz=lambda c: 3.0), "execution"),
+    (broken(integrator, get=lambda c: lambda names: {"y": 1}), "outputs"),
+    (broken(integrator, get=lambda c: lambda names: {"y": float("nan")}), "outputs"),
+    (broken(integrator, get=lambda c: lambda names: {}), "outputs"),
+    (counting_reads, "get"),
+    (handing_out, "get"),
+    (aliasing, "set"),
+    (broken(integrator, set=lambda c: c.values.update), "names"),
+    (broken(integrator, step=lambda c: lambda time, h: 3), "status"),
+    (broken(integrator, step=lambda c: lambda time, h: None), "status"),
+    (broken(gain, behave=lambda c: lambda v, t, h: v.update(z=float(id(c)))), "determinism"),
+    (broken(integrator, terminate=lambda c: iter([None]).__next__), "terminate"),
+]
+
+
+@pytest.mark.parametrize(
+    ("factory", "clause"), CASES, ids=[f"{i}-{c[1]}" for i, c in enumerate(CASES)]
+)
+def test_every_broken_promise_is_found(factory, clause):
+    """A component that breaks a clause fails that clause, and says why."""
+    assert details(factory)[clause]
+
+
+def test_inputs_and_steps_can_be_given():
+    """Inputs are held at what is given instead of their start values."""
+    seen = []
+
+    def factory():
+        component = integrator()
+        component.behave = lambda values, time, h: seen.append((values["u"], time, h)) or 0
+        return component
+
+    verdicts(factory, inputs={"u": 2.5}, step_s=0.5, steps=3)
+    assert set(seen) == {(2.5, 0.0, 0.5), (2.5, 0.5, 0.5), (2.5, 1.0, 0.5)}
+
+
+def test_a_clause_reads_as_a_sentence():
+    """Printed clauses give verdict, promise and detail."""
+    clause = check_component(integrator)[0]
+    assert str(clause) == (
+        "        passed  the description is valid by FMPy, names and structure included (3 variables)"
+    )
+    assert RandomWalk.execution.kind == "sampled"

@@ -1,0 +1,115 @@
+"""Timed changes of inputs and parameters."""
+
+import numpy as np
+import pytest
+from scripted import Row, Scripted, clock, gain, integrator, system
+
+from orchestrator.description import Port
+from orchestrator.errors import ScenarioError
+from orchestrator.events import parsed
+from orchestrator.records import EventSpec
+from orchestrator.simulate import simulate
+from orchestrator.trace import Trace
+
+ROWS = [
+    Row("u", "input"),
+    Row("mode", "input", 0, items=("slow", "fast")),
+    Row("curve", "input", shape=(2,)),
+    Row("k", "parameter", 1.0, variability="tunable"),
+    Row("mass", "parameter", 1.0),
+    Row("y", "output"),
+]
+
+
+def scripted():
+    """Return a 2 Hz component with y = k u."""
+
+    def behave(values, time, step_size):
+        values["y"] = values["k"] * values["u"]
+
+    return Scripted("sampled", 2.0, list(ROWS), behave)
+
+
+def test_an_input_changes_at_its_instant():
+    """The value holds from the event's instant on, before anything else happens there."""
+    trace = Trace()
+    made = system({"plant": integrator()}, events=[EventSpec(0.5, "plant.u", 2)])
+    simulate(made, [trace])
+    np.testing.assert_allclose(trace["plant.y"][1][[0, 10, 11, 20]], [0.0, 0.0, 0.1, 1.0])
+    assert trace.events[0] == (0.5, "set", "plant", "plant.u = 2.0")
+
+
+def test_a_tunable_parameter_changes():
+    """Parameters are told to listeners with their new value; ties keep the scenario's order."""
+    told, trace = [], Trace()
+    trace.parameters = lambda *what: told.append(what)
+    events = [EventSpec(0.5, "c.k", 3.0), EventSpec(0.5, "c.u", 1.0), EventSpec(0.5, "c.u", 2.0)]
+    simulate(system({"c": scripted()}, events=events), [trace])
+    assert trace["c.y"][1].tolist() == [0.0, 6.0]
+    assert told[1:] == [(500_000_000, "c", {"k": 3.0})]
+
+
+def test_an_event_between_a_components_instants():
+    """The component has the value at its own next instant."""
+    trace = Trace()
+    made = system({"c": scripted(), "tick": clock(20.0)}, events=[EventSpec(0.25, "c.u", 5.0)])
+    simulate(made, [trace])
+    assert trace["c.y"][1].tolist() == [0.0, 5.0]
+    assert trace.events[0].time_s == 0.25
+
+
+def test_an_event_where_nothing_happens_waits():
+    """Between instants the next one counts: 20 and 8 Hz meet no instant at 0.025 s."""
+    trace = Trace()
+    made = system({"a": integrator(20.0), "b": clock(8.0)}, events=[EventSpec(0.025, "a.u", 1.0)])
+    simulate(made, [trace])
+    assert trace.events[0].time_s == 0.05
+
+
+def test_a_feed_through_output_shows_the_change_at_once():
+    """A continuous output that passes an unconnected input on follows it at the same instant."""
+    trace = Trace()
+    made = system({"g": gain(2.0, kind="continuous")}, events=[EventSpec(0.5, "g.u", 1.0)])
+    simulate(made, [trace])
+    assert trace["g.z"][1].tolist() == [0.0] * 10 + [2.0] * 11
+
+
+@pytest.mark.parametrize(
+    ("event", "message"),
+    [
+        (EventSpec(0.5, "c.kk", 1.0), "'c' has no variable or group 'kk', did you mean 'k'"),
+        (EventSpec(0.5, "d.k", 1.0), "no component 'd'"),
+        (EventSpec(0.5, "c.y", 1.0), "got output, expected input or tunable parameter"),
+        (EventSpec(0.5, "c.mass", 1.0), "parameter cannot change, got fixed, expected tunable"),
+        (EventSpec(0.5, "g.u", 1.0), "input is connected to c.y, expected an unconnected one"),
+        (EventSpec(0.5, "c.k", "high"), "wrong type, got str, expected float"),
+        (EventSpec(0.5, "c.mode", "fats"), "no such item, got 'fats', expected one of"),
+        (EventSpec(0.26, "c.k", 1.0), "got 0.26 s, expected 0.25 s or 0.3 s"),
+        (EventSpec(-0.05, "c.k", 1.0), "negative, got -0.05 s, expected 0 s or more"),
+        (EventSpec(1.05, "c.k", 1.0), "at_s is after the end, got 1.05 s, expected up to 1.0 s"),
+    ],
+)
+def test_events_are_checked_when_coupling(event, message):
+    """Name, causality, value and time: each is a problem of its event."""
+    with pytest.raises(ScenarioError) as caught:
+        system({"c": scripted(), "g": gain()}, ["c.y -> g.u"], events=[event])
+    (problem,) = caught.value.problems
+    assert message in problem.message
+    assert problem.message.startswith(f"event {event.set}: ")
+    assert problem.path == ("events", 0)
+
+
+def port(**more):
+    """Return an input."""
+    return Port("c", "u", "input", "continuous", **more)
+
+
+def test_values_of_a_scenario_become_values_of_a_port():
+    """Integers do for floats, item texts for enumerations, lists for arrays."""
+    assert type(parsed(port(type="Float64"), 5)) is float
+    assert parsed(port(type="Enumeration", items={0: "slow", 4: "fast"}), "fast") == 4
+    curve = parsed(port(type="Float64", shape=(2,)), [1, 2])
+    assert curve.dtype == np.float64
+    assert parsed(port(type="Int64", shape=(2,)), [1, 2]).dtype == np.int64
+    with pytest.raises(ValueError, match=r"wrong shape, got \(3,\), expected \(2,\)"):
+        parsed(port(type="Float64", shape=(2,)), [1, 2, 3])

@@ -1,0 +1,232 @@
+"""Policies: for every fault, what ends and what goes on."""
+
+import re
+
+import numpy as np
+import pytest
+from scripted import Row, Scripted, clock, gain, system
+
+from orchestrator import participant
+from orchestrator.component import Status
+from orchestrator.errors import ScenarioError
+from orchestrator.policies import MOST_HALVINGS
+from orchestrator.simulate import simulate
+from orchestrator.trace import Trace
+
+
+def faulty(fault, kind="sampled", rate_hz=20.0, **more):
+    """Return a component whose y is the number of steps; ``fault(values, time)`` acts in each."""
+
+    def behave(values, time, step_size):
+        values["y"] += 1.0
+        return fault(values, time)
+
+    return Scripted(
+        kind, rate_hz, [Row("y", "output"), Row("plan", "output", shape=(3,))], behave, **more
+    )
+
+
+def at(instant, answer):
+    """Return a fault at one instant: a status, or a change of values."""
+
+    def fault(values, time):
+        if time != instant:
+            return Status.OK
+        return answer(values) if callable(answer) else answer
+
+    return fault
+
+
+def fly(component, **keys):
+    """Return trace and result of a run of ``c`` beside a 20 Hz reader of its y."""
+    trace = Trace()
+    made = system({"c": component, "reader": gain()}, ["c.y -> reader.u"], c=keys)
+    simulate(made, [trace])
+    return trace
+
+
+def fail(values):
+    raise RuntimeError("the sky is falling")
+
+
+def spoil(values):
+    values["y"] = float("nan")
+
+
+def spoil_plan(values):
+    values["plan"][1] = float("inf")
+
+
+ENDS = [
+    (Status.DISCARD, "discard", "c at t = 0.500 s: step is refused (Discard)"),
+    (Status.ERROR, "error", "c at t = 0.500 s: step failed (Error)"),
+    (Status.FATAL, "error", "c at t = 0.500 s: step failed (Fatal)"),
+    (7, "error", "c at t = 0.500 s: step answered an unknown status, got 7, expected 0 to 4"),
+    (fail, "error", "c at t = 0.500 s: failed, RuntimeError: the sky is falling"),
+    (spoil, "nonfinite", "c at t = 0.500 s: output 'y' is not finite, got nan"),
+    (spoil_plan, "nonfinite", "c at t = 0.500 s: output 'plan[1]' is not finite, got inf"),
+]
+
+
+@pytest.mark.parametrize(("answer", "kind", "reason"), ENDS)
+def test_faults_end_the_run_by_default(answer, kind, reason):
+    """The reason names component, variable, value and time, and is an event too."""
+    trace = fly(faulty(at(0.5, answer)))
+    assert trace.result.outcome == "component error"
+    assert trace.result.reason == reason
+    assert trace.result.time_ns == 500_000_000
+    assert trace.events[0][:3] == (0.5, kind, "c")
+    assert trace.events[0].message.startswith(reason)
+    assert trace.events[-1].message == f"component error: {reason}"
+    assert trace["c.y"][0][-1] == 0.45
+
+
+def test_a_traceback_goes_into_the_event_and_nowhere_else(capfd):
+    """What a component raises is recorded in full; the screen stays clean."""
+    trace = fly(faulty(at(0.5, fail)))
+    assert re.search(r"Traceback .*in fail\n.*RuntimeError", trace.events[0].message, re.DOTALL)
+    assert capfd.readouterr() == ("", "")
+
+
+HOLDS = [
+    (Status.DISCARD, {"on_discard": "hold"}, 1, "discards.c"),
+    (Status.ERROR, {"on_error": "hold"}, 10, "errors.c"),
+    (fail, {"on_error": "hold"}, 10, "errors.c"),
+    (spoil, {"on_nonfinite": "hold"}, 1, "nonfinite.c"),
+]
+
+
+@pytest.mark.parametrize("kind", ["sampled", "continuous"])
+@pytest.mark.parametrize(("answer", "keys", "missed", "count"), HOLDS)
+def test_held_outputs_keep_their_last_values(kind, answer, keys, missed, count):
+    """Discard and non-finite outputs miss one publishing; a failed component is silent for good."""
+
+    def behave(values):
+        return answer(values) if callable(answer) else answer
+
+    component = faulty(at(0.5, behave), kind)
+    was = component.behave
+
+    def healing(values, time, step_size):
+        if not np.isfinite(values["y"]):
+            values["y"] = 11.0
+        return was(values, time, step_size)
+
+    component.behave = healing
+    trace = fly(component, **keys)
+    assert trace.result.outcome == "flown"
+    assert trace.result.counts == {count: 1}
+    assert trace.events[0].message.split("\n")[0].endswith("outputs are held")
+    seen = trace["reader.z"][1]
+    late = 1 if kind == "continuous" else 0  # whose step at 0.5 s is for the next instant
+    assert seen[10 + late] == seen[9 + late]
+    assert len(seen) == 20
+    assert len(trace["c.y"][0]) == 20 + late - missed
+
+
+def test_fatal_cannot_be_held():
+    """A component that must not be called again ends the run whatever the policy says."""
+    component = faulty(at(0.5, Status.FATAL), name="c", log=[])
+    trace = fly(component, on_error="hold", on_discard="hold")
+    assert trace.result.outcome == "component error"
+    assert component.log[-1] == ("c", "step", 0.5, 0.05)
+
+
+def test_a_failed_component_is_only_terminated():
+    """After Error and hold nobody calls the component until the end."""
+    component = faulty(at(0.5, Status.ERROR), name="c", log=[])
+    fly(component, on_error="hold")
+    assert component.log[-2:] == [("c", "step", 0.5, 0.05), ("c", "terminate")]
+
+
+def test_large_finite_outputs_are_finite():
+    """Outputs whose sum overflows are still finite one by one."""
+
+    def grow(values, time):
+        values["plan"][:] = 1e308
+        values["y"] = 1.7e308
+        return Status.OK
+
+    assert fly(faulty(grow)).result.outcome == "flown"
+
+
+@pytest.mark.parametrize(("policy", "outcome", "published"), [
+    ("log", "flown", 20), ("hold", "flown", 0), ("end", "component error", 0),
+])  # fmt: skip
+def test_deadlines(policy, outcome, published):
+    """A step longer than its deadline is logged, its result dropped, or the end, as wanted."""
+    trace = fly(faulty(lambda values, time: Status.OK), deadline_s=0.0, on_overrun=policy)
+    assert trace.result.outcome == outcome
+    assert trace.events[0].kind == "overrun"
+    assert trace.result.counts["overruns.c"] == (20 if outcome == "flown" else 1)
+    assert len(trace["c.y"][0]) == published
+
+
+def test_an_overrun_with_latency_drops_one_result():
+    """A held late result is never released; those before and after are."""
+    trace = fly(faulty(lambda v, t: Status.OK), latency_s=0.1, deadline_s=0.0, on_overrun="hold")
+    assert trace["c.y"][1].tolist() == [0.0]
+
+
+def test_steps_within_their_deadline_pass():
+    """A generous deadline changes nothing."""
+    trace = fly(faulty(lambda values, time: Status.OK), deadline_s=1e6, on_overrun="end")
+    assert trace.result.counts == {}
+
+
+def test_wall_clock_is_measured_only_if_wanted(monkeypatch):
+    """Without deadline and without an interested listener no clock is read in the loop."""
+    told = []
+
+    class Interested(Trace):
+        wants_wall_clock = True
+
+        def wall_clock(self, time_ns, component, elapsed_s):
+            told.append((time_ns, component, elapsed_s >= 0.0))
+
+    simulate(system({"c": clock(2.0)}), [Interested()])
+    assert told == [(0, "c", True), (500_000_000, "c", True)]
+    monkeypatch.delattr(participant, "perf_counter")
+    simulate(system({"c": clock(2.0)}), [Trace()])
+
+
+def picky(longest, *, refuses_forever=False):
+    """Return an integrator of 1 that refuses steps longer than ``longest``, after moving."""
+
+    def behave(values, time, step_size):
+        values["y"] += step_size
+        values["tries"] = values["tries"] + 1
+        is_too_long = step_size > longest or (refuses_forever and time >= 0.5)
+        return Status.DISCARD if is_too_long else Status.OK
+
+    rows = [Row("y", "output"), Row("tries", "output", 0)]
+    return Scripted("continuous", 2.0, rows, behave, variable_step=True, is_restorable=True)
+
+
+def test_a_refused_step_is_tried_again_in_parts():
+    """Back to where it was, then halves, quarters, ... until it is taken; the result is exact."""
+    trace = Trace()
+    made = system({"c": picky(0.125)}, c={"on_discard": "retry"})
+    simulate(made, [trace])
+    assert trace["c.y"][1].tolist() == [0.0, 0.5, 1.0]
+    assert trace.result.counts == {"retries.c": 4}
+    assert [event.message for event in trace.events[:2]] == [
+        "c at t = 0.000 s: step is tried again in 2 parts",
+        "c at t = 0.000 s: step is tried again in 4 parts",
+    ]
+
+
+def test_retries_come_to_an_end():
+    """A component that refuses everything is asked a bounded number of times, and the run ends."""
+    trace = Trace()
+    component = picky(1.0, refuses_forever=True)
+    simulate(system({"c": component}, c={"on_discard": "retry"}), [trace])
+    assert trace.result.outcome == "component error"
+    assert trace.result.counts == {"retries.c": MOST_HALVINGS, "discards.c": 1}
+
+
+@pytest.mark.parametrize("component", [clock(2.0), clock(2.0, "sampled")])
+def test_retry_needs_a_component_that_can(component):
+    """Retry without variable steps and saved states is refused when coupling."""
+    with pytest.raises(ScenarioError, match="'c': on_discard 'retry' is not possible"):
+        system({"c": component}, c={"on_discard": "retry"})
