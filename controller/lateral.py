@@ -175,7 +175,7 @@ def least_gradient(
     offset: float,
     slope: float,
     tangent_weight: float = 0.02,
-    offset_weight: float = 1e-3,
+    offset_weight: float = 4e-3,
     valley_weight: float = 0.0,
     stations: int = STATIONS,
 ) -> Array:

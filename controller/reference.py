@@ -138,7 +138,7 @@ def start(
     """Return the first reference, over what is sensed around ``station`` on the course.
 
     It starts at the aircraft's ``altitude`` (m) where the ground below is not sensed. Where nothing
-    is sensed at all it is level there, committed to nothing, and :func:`extend` starts again.
+    is sensed at all it is level there, at the set speed, and :func:`extend` starts again.
     """
     knot = floor((station - BEHIND_M / 2) / KNOT_M)
     agl, speed = parameters.height_agl_m, parameters.speed_mps
@@ -210,7 +210,7 @@ def _plan(
 
     gap = int(GAP_CELLS * terrain_map.cell_size / SAMPLE_M)
     ground = _ground_along(terrain_map, course, lateral, knot, gap)
-    known_until = s_0 + (ground.size - 1) * SAMPLE_M if ground.size else min(old.known_until, s_0)
+    known_until = s_0 + (ground.size - 1) * SAMPLE_M if ground.size else old.known_until
     height = old.height
     if parameters.height_agl_m != height.after:
         height = _ramp(s_0, float(_height(height, s_0)), parameters)
@@ -224,7 +224,9 @@ def _plan(
 
     north, east, z, heading, slope, bend, turn = _trace(course, lateral, altitude, knot)
     v_0 = float(old.path.speed[at * PER_SPAN])
-    speed = plan_speed(v_0, int(known_until - s_0), slope, bend, turn, limits)
+    # with nothing sensed ever there is no end of the terrain to be careful of
+    known = int(known_until - s_0) if known_until > old.origin else north.size
+    speed = plan_speed(v_0, known, slope, bend, turn, limits)
     drop = min(max(floor((station - BEHIND_M) / KNOT_M) - old.first_span, 0), at)
     new_path = (north, east, z, heading, speed, slope)
     path = (

@@ -23,6 +23,8 @@ def couple(
 
     Raises
     ------
+    KeyError
+        If a component of the scenario is not given.
     ScenarioError
         With every problem found: descriptions, connections, events, policies, times, cycles.
     """

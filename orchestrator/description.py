@@ -68,7 +68,10 @@ class Port:
 
 
 def ports(component: str, description: "ModelDescription") -> dict[str, Port]:
-    """Return every variable of a component, in the order of its description.
+    """Return the variables of a component, in the order of its description.
+
+    Binary variables and clocks, which cannot be coupled, are left out. An output that the model
+    structure does not list may depend on every input.
 
     Raises
     ------
@@ -79,19 +82,15 @@ def ports(component: str, description: "ModelDescription") -> dict[str, Port]:
 
     problems = [
         problem.replace(" (line None)", "").rstrip(".")
-        for problem in validate_model_description(description, validate_model_structure=True)
-    ]
-    problems += [
-        f"variable {v.name!r} is of a type that cannot be coupled, got {v.type!r}"
-        for v in description.modelVariables
-        if v.type not in KINDS
+        for problem in validate_model_description(description)
     ]
     if problems:
         raise CouplingError(_invalid(component, problems))
     defined = units(description)
     inputs = frozenset(v.name for v in description.modelVariables if v.causality == "input")
     # FMI: no list of dependencies means all inputs, an empty list means none
-    through = {
+    through = {v.name: inputs for v in description.modelVariables if v.causality == "output"}
+    through |= {
         unknown.variable.name: inputs
         if unknown.dependencies is None
         else inputs.intersection(v.name for v in unknown.dependencies)
@@ -100,6 +99,8 @@ def ports(component: str, description: "ModelDescription") -> dict[str, Port]:
     }
     made: dict[str, Port] = {}
     for variable in description.modelVariables:
+        if variable.type not in KINDS:
+            continue
         try:
             made[variable.name] = _port(component, variable, defined, through)
         except ValueError as error:

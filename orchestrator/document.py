@@ -11,7 +11,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveFloa
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
 Variable = Annotated[
-    str, StringConstraints(pattern=r"^\s*[A-Za-z_][A-Za-z0-9_]*\.\S+\s*$", strip_whitespace=True)
+    str,
+    StringConstraints(pattern=r"^\s*[A-Za-z_][A-Za-z0-9_]*\.\S+\s*$", strip_whitespace=True),
+    Field(examples=["component.variable"]),
 ]
 Use = Annotated[
     str, Field(description="module:attribute, or the name of an installed component", min_length=1)

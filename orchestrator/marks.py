@@ -52,12 +52,16 @@ class Node:
         return None
 
     def place(self, path: KeyPath) -> Mark:
-        """Return where a fault of the value at ``path`` shows: the value, or the key of a mapping.
+        """Return where a fault of the value at ``path`` shows.
 
-        Where there is no such value, it is the key of the last part that is there.
+        That is the value, or the key of a mapping or of a list that begins on a later line. Where
+        there is no such value, it is the key of the last part that is there.
         """
         node, is_there = self._find(path)
-        return node.mark if is_there and not isinstance(node.value, dict) else node.key or node.mark
+        if node.key is None:
+            return node.mark
+        is_long = isinstance(node.value, dict) or node.mark.line != node.key.line
+        return node.mark if is_there and not is_long else node.key
 
     def place_of_key(self, path: KeyPath) -> Mark:
         """Return where the key of the value at ``path`` stands."""

@@ -32,7 +32,7 @@ class _Stream:
     channel: int
     encode: Encoder
     on_change: bool
-    last: bytes | None = None
+    last: list[bytes] | None = None
 
 
 class Recorder:
@@ -161,12 +161,12 @@ class Recorder:
             self._advance(writer, time_ns)
         now_ns, stamp = EPOCH_NS + time_ns, self._stamp
         for stream in self._streams.get(source, ()):
-            data = stream.encode(values)
+            parts = stream.encode(values)
             if stream.on_change:
-                if data == stream.last:
+                if parts == stream.last:
                     continue
-                stream.last = data
-            writer.message(stream.channel, now_ns, stamp + data)
+                stream.last = parts
+            writer.message(stream.channel, now_ns, b"".join((stamp, *parts)))
 
     def _advance(self, writer: McapWriter, time_ns: int) -> None:
         """Move on to another instant; at most one simulated second waits in memory."""

@@ -161,12 +161,12 @@ def _read(path: Path, stream: BinaryIO) -> Recording:
         )
         for number, channel in channels.items()
     }
-    signals = [s for name, topic in topics.items() for s in signals(name, topic)]
+    found = [s for name, topic in topics.items() for s in signals(name, topic)]
     return Recording(
         path=path,
         library=library,
         topics=topics,
-        signals={signal.name: signal for signal in signals},
+        signals={signal.name: signal for signal in found},
         scenario=json.loads(attachments["scenario.json"]),
         provenance=tables["hedgehop.provenance"],
         scene=tables["hedgehop.scene"],

@@ -31,7 +31,8 @@ class ComponentSpec:
         Wall-clock time one step may take, s; None supervises nothing.
     on_discard, on_error, on_nonfinite, on_overrun : str
         Policy for a refused step, a failed step or an exception, a NaN or infinite output, and a
-        step that took longer than ``deadline_s``. ``hold`` keeps the last outputs and flies on.
+        step that took longer than ``deadline_s``. ``hold`` keeps the last outputs and flies on: a
+        refused step is asked for again at the next instant, a failed component no more.
     """
 
     name: str

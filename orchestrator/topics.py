@@ -30,7 +30,7 @@ class Topic:
     message, descriptors
         Full name of the message type, and its serialised `FileDescriptorSet`.
     encode
-        From the values of the call to a message without its time stamp.
+        From the values of the call to the parts of a message without its time stamp.
     on_change
         Whether a message equal to the last one is left out.
     """

@@ -73,8 +73,12 @@ def _fault(
     if kind == "missing" and isinstance(loc[-1], int):
         kind, loc = "too_short", loc[:-1]
     if kind == "value_error":
-        full = (*path, *_descend(loc, data, schema)[0])
+        where, _, schema_there = _descend(loc, data, schema)
         message = detail["msg"].removeprefix("Value error, ")
+        key, colon, what = message.partition(": ")
+        if colon and key in keys(schema_there, schema):  # a dataclass names one of its fields
+            where, message = (*where, key), what
+        full = (*path, *where)
         return Fault(root.place(full), f"{dotted(full)}: {message}", full), []
     if kind in ("missing", "extra_forbidden"):
         around, _, below_it = _descend(loc[:-1], data, schema)
@@ -96,7 +100,8 @@ def _fault(
     key = full[-1] if full else ""
     wanted = expected(schema_there, schema, key)
     near = nearest(value, schema_there.get("enum", ())) if isinstance(value, str) else ""
-    what = f"{WHAT.get(kind, 'wrong type')}, got {show(value, key)}, expected {wanted}{near}"
+    wrong = "empty" if value in ({}, []) else WHAT.get(kind, "wrong type")
+    what = f"{wrong}, got {show(value, key)}, expected {wanted}{near}"
     return Fault(root.place(full), f"{dotted(full)}: {what}", full), []
 
 

@@ -94,11 +94,11 @@ def _rigid(names: tuple[str, ...], before_vector: bytes, before_quaternion: byte
     pack = Struct(f"<{len(head)}s{_VECTOR}{len(middle)}s{_QUATERNION}").pack
     pick = itemgetter(*names)
 
-    def encode(values: Mapping[str, Any]) -> bytes:
+    def encode(values: Mapping[str, Any]) -> list[bytes]:
         north, east, down, phi, theta, psi = pick(values)
         x, y, z = ned_to_enu(north, east, down)
         qx, qy, qz, qw = orientation(phi, theta, psi)
-        return pack(head, _T1, x, _T2, y, _T3, z, middle, _T1, qx, _T2, qy, _T3, qz, _T4, qw)
+        return [pack(head, _T1, x, _T2, y, _T3, z, middle, _T1, qx, _T2, qy, _T3, qz, _T4, qw)]
 
     return encode
 
@@ -113,12 +113,12 @@ def _poses(names: tuple[str, ...]) -> Encoder:
     frame = delimited(2, MAP.encode())
     pick = itemgetter(*names)
 
-    def encode(values: Mapping[str, Any]) -> bytes:
+    def encode(values: Mapping[str, Any]) -> list[bytes]:
         points = ned_to_enu(*pick(values))
         rows = np.tile(blank, (len(points[0]), 1))
         for axis, coordinate in enumerate(points):
             at = start + 1 + 9 * axis
             rows[:, at : at + 8] = coordinate.astype("<f8").view(np.uint8).reshape(-1, 8)
-        return frame + rows.tobytes()
+        return [frame, rows.tobytes()]
 
     return encode

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Encoder = Callable[[Mapping[str, Any]], bytes]
+# to the parts of a message that follow its time stamp: comparing them costs no copy
+Encoder = Callable[[Mapping[str, Any]], list[bytes]]
 
 VARINT, FIXED64, LENGTH = 0, 1, 2
 
@@ -72,42 +73,46 @@ def _enumeration(number: int) -> Callable[[int], bytes]:
 
 
 def _array(field: WireField) -> Callable[[NDArray[Any]], bytes]:
-    """Return the encoder of an array, row by row; text cannot be packed and is repeated."""
+    """Return the encoder of an array, row by row, of text or items: text cannot be packed."""
     number = field.number
     if field.kind == "string":
         return lambda array: b"".join(delimited(number, str(v).encode()) for v in array.flat)
-    if field.kind == "enum":
-        return lambda array: delimited(number, b"".join(varint(int(v)) for v in array.flat))
+    return lambda array: delimited(number, b"".join(varint(int(v)) for v in array.flat))
+
+
+def _packed(field: WireField) -> tuple[bytes, Callable[[NDArray[Any]], bytes]]:
+    """Return what precedes an array of fixed width, and the encoder of its values, row by row."""
     dtype = np.dtype(FIXED[field.kind][2])
     size = prod(field.shape) * dtype.itemsize
-    head = tag(number, LENGTH) + varint(size)
 
-    def packed(array: NDArray[Any]) -> bytes:
+    def values(array: NDArray[Any]) -> bytes:
         data = (array if array.dtype == dtype else array.astype(dtype)).tobytes()
         if len(data) != size:
             raise ValueError(f"{field.key}: shape, got {array.shape}, expected {field.shape}")
-        return head + data
+        return data
 
-    return packed
+    return tag(field.number, LENGTH) + varint(size), values
 
 
-def _single(field: WireField) -> Callable[[Any], bytes]:
-    """Return the encoder of one field of variable length: text, enumeration or array."""
+def _variable(field: WireField) -> tuple[bytes, Callable[[Any], bytes]]:
+    """Return the two parts of a field whose length varies, or is that of an array."""
+    if field.shape and field.kind in FIXED:
+        return _packed(field)
     if field.shape:
-        return _array(field)
+        return b"", _array(field)
     if field.kind == "enum":
-        return _enumeration(field.number)
-    return lambda text: delimited(field.number, str(text).encode())
+        return b"", _enumeration(field.number)
+    return b"", lambda text: delimited(field.number, str(text).encode())
 
 
 def encoder(fields: Sequence[WireField]) -> Encoder:
-    """Return a function that encodes the values of `fields`, looked up by key, without timestamp.
+    """Return a function that encodes the values of `fields`, looked up by key.
 
     Scalars of fixed width come first on the wire, in one `struct`; the rest follows, field by
     field. A value that is missing raises KeyError.
     """
     fixed = [f for f in fields if f.kind in FIXED and not f.shape]
-    rest = [(f.key, _single(f)) for f in fields if f.kind not in FIXED or f.shape]
+    rest = [(f.key, *_variable(f)) for f in fields if f.kind not in FIXED or f.shape]
     tags = [tag(f.number, FIXED[f.kind][1]) for f in fixed]
     layout = Struct(
         "<" + "".join(f"{len(t)}s{FIXED[f.kind][0]}" for t, f in zip(tags, fixed, strict=True))
@@ -118,12 +123,12 @@ def encoder(fields: Sequence[WireField]) -> Encoder:
     keys = [f.key for f in fixed]
     pick = itemgetter(*keys) if len(keys) > 1 else None  # of one key it would return no tuple
 
-    def encode(values: Mapping[str, Any]) -> bytes:
+    def encode(values: Mapping[str, Any]) -> list[bytes]:
         arguments[1::2] = [values[key] for key in keys] if pick is None else pick(values)
-        data = pack(*arguments)
-        if rest:
-            return b"".join([data, *[single(values[key]) for key, single in rest]])
-        return data
+        parts = [pack(*arguments)]
+        for key, head, single in rest:
+            parts += head, single(values[key])
+        return parts
 
     return encode
 
@@ -132,7 +137,7 @@ def partial_encoder(fields: Sequence[WireField]) -> Encoder:
     """Return a function that encodes whichever of `fields` have a value."""
     made: dict[tuple[str, ...], Encoder] = {}
 
-    def encode(values: Mapping[str, Any]) -> bytes:
+    def encode(values: Mapping[str, Any]) -> list[bytes]:
         keys = tuple(values)
         if keys not in made:
             made[keys] = encoder([field for field in fields if field.key in values])

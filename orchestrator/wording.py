@@ -56,6 +56,8 @@ def _words(schema: Schema, key: str | int) -> str:
         return f"a list of {' to '.join(map(str, sizes))}" if sizes else "a list"
     if kind == "object" and "properties" in schema:
         return f"a mapping of {', '.join(schema['properties'])}"
+    if kind == "string" and "examples" in schema:
+        return f"text like {schema['examples'][0]!r}"
     return PLAIN.get(str(kind), "a file name" if schema.get("format") == "path" else "text")
 
 

@@ -83,7 +83,9 @@ class _Parser:
         except yaml.MarkedYAMLError as error:
             what = ", ".join(part for part in (error.context, error.problem) if part)
             at = error.problem_mark or error.context_mark
-            self.faults.append(Fault(self.mark(at, at) if at else self.start, f"YAML: {what}"))
+            mark = self.mark(at, at) if at else self.start
+            hint = ", expected quotes around '${...}'" if ": ${" in mark.text else ""
+            self.faults.append(Fault(mark, f"YAML: {what}{hint}"))
         except yaml.reader.ReaderError as error:
             line = text.count("\n", 0, error.position) + 1 if self.start.line else 0
             what = f"YAML: character {text[error.position]!r} is not allowed"

@@ -89,8 +89,7 @@ def test_offsets_are_to_the_right():
         ([(0, 0), (0, np.nan)], r"way-points: not a position"),
         (
             [(0, 0), (100, 0), (100, 500)],
-            r"way-point 1: no room for a turn of 90 deg at a radius of 159.0 m, got a leg of "
-            r"100.0 m between way-points 0 and 1, expected 159 m or more",
+            r"way-point 1: no room for a turn of 90 deg .* got a leg of 100.0 m .* expected 159 m",
         ),
         ([(0, 0), (500, 0), (0, 0)], r"way-point 1: no room for a turn of 180 deg"),
     ],

@@ -3,7 +3,7 @@
 import daqp
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.lateral import KNOT_M, curvature_weights, evaluate, slope_weights, weights
@@ -41,7 +41,10 @@ def spline(coefficients, station=STATION, kind=weights):
     """Return the values of a spline at stations."""
     span = np.minimum((station // KNOT_M).astype(int), coefficients.size - 4)
     return np.array(
-        [evaluate(coefficients, i, kind(s / KNOT_M - i)) for i, s in zip(span, station, strict=True)]
+        [
+            evaluate(coefficients, i, kind(s / KNOT_M - i))
+            for i, s in zip(span, station, strict=True)
+        ]
     )
 
 
@@ -50,10 +53,10 @@ def hills(height, length):
     return height / 2 * (1 - np.cos(2 * np.pi * STATION / length))
 
 
-def random_ground(seed, rms=12.0):
-    """Return a sum of waves of 40 to 400 m length."""
+def random_ground(seed, rms=12.0, shortest=40.0):
+    """Return a sum of waves of up to 400 m length."""
     rng = np.random.default_rng(seed)
-    length = np.exp(rng.uniform(np.log(40), np.log(400), 12))
+    length = np.exp(rng.uniform(np.log(shortest), np.log(400), 12))
     phase = rng.uniform(0, 2 * np.pi, 12)
     waves = length * np.sin(2 * np.pi * STATION[:, None] / length + phase)
     total = waves.sum(axis=1)
@@ -109,12 +112,12 @@ def test_clearance_is_hard(seed, rms):
 @settings(deadline=None, max_examples=50)
 def test_clearance_holds_between_samples(seed):
     """Where the ground is no sharper than the tightening assumes, every metre is clear."""
-    h = random_ground(seed)
-    assume(np.abs(np.diff(h, n=2)).max() < 8 * TIGHTENING_M * 0.8)
+    h = random_ground(seed, 10.0, shortest=100.0)
+    sharpness = np.pad(np.abs(np.diff(h, n=2)), 1, mode="edge")
+    assert sharpness.max() < 8 * TIGHTENING_M
     fine = np.arange(STATION[-1] + 1)
-    ground = np.interp(fine, STATION, h)
-    curved = ground + np.interp(fine, STATION[1:-1], np.abs(np.diff(h, n=2))) / 8
-    assert (spline(plan(h)[0], fine) - curved).min() >= LOWEST - 1e-5
+    ground = np.interp(fine, STATION, h) + np.interp(fine, STATION, sharpness) / 8
+    assert (spline(plan(h)[0], fine) - ground).min() >= LOWEST - 1e-5
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
@@ -145,7 +148,8 @@ def test_a_wall_just_ahead_is_climbed_as_fast_as_can_be(seed, height, distance):
         assert status == "capped"
     # at twice the nominal limits level flight rises 20 m in 55 m, 60 m in 120 m
     assert clearance[30:].min() >= LOWEST
-    assert spline(c).max() < 2 * height + 40
+    assert np.diff(c).max() <= 2.2 * LIMITS.slope * KNOT_M
+    assert spline(c).max() < height + 80.0
 
 
 def test_soft_limits_hold_where_the_clearance_allows():
@@ -178,7 +182,7 @@ def test_a_failed_solver_gives_the_envelope(monkeypatch):
     h[-3:] = np.nan
     c, status = plan(h)
     assert status == "envelope"
-    assert np.nanmin(spline(c) - h) >= AGL
+    assert np.nanmin(spline(c) - h) >= AGL - 1e-9
     assert plan(h, [50.0] * 3)[0].size == SPANS + 3
 
 

@@ -101,11 +101,17 @@ def test_all_problems_of_a_description_are_listed():
 
 
 def test_types_that_cannot_be_coupled():
-    """Binary variables are refused by name."""
-    description = describe("c", [Row("y", "output", 0)])
+    """Binary variables are left out."""
+    description = describe("c", [Row("y", "output", 0), Row("z", "output")])
     description.modelVariables[1].type = "Binary"
-    with pytest.raises(CouplingError, match="'y' is of a type that cannot be coupled"):
-        ports("c", description)
+    assert list(ports("c", description)) == ["time", "z"]
+
+
+def test_outputs_missing_from_the_structure():
+    """An output about which the model structure says nothing may depend on every input."""
+    description = describe("c", [Row("u", "input"), Row("y", "output")])
+    description.outputs.clear()
+    assert ports("c", description)["y"].depends_on == {"u"}
 
 
 @pytest.mark.parametrize(

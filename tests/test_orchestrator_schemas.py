@@ -20,8 +20,10 @@ NAMES = st.lists(
 
 def decoded(each, values, encode=None):
     """Return the message that the official protobuf library reads from our bytes."""
-    data = (encode or encoder(each.wire_fields()))(values)
-    return message_class(each.message, each.descriptors).FromString(timestamp(0) + data)
+    parts = (encode or encoder(each.wire_fields()))(values)
+    return message_class(each.message, each.descriptors).FromString(
+        b"".join([timestamp(0), *parts])
+    )
 
 
 def only(*ports):

@@ -77,8 +77,10 @@ def test_what_is_dumped_is_read_back(data):
         ("1: a", "a.yaml:1:1: scenario: key is not text, got 1, expected a name"),
         (
             "a: !!python/name:os.system x",
-            "a.yaml:1:4: a: cannot be read as plain data, "
-            "got tag 'tag:yaml.org,2002:python/name:os.system'",
+            (
+                "a.yaml:1:4: a: cannot be read as plain data, "
+                "got tag 'tag:yaml.org,2002:python/name:os.system'"
+            ),
         ),
         (
             "a: !!int x",
@@ -200,8 +202,10 @@ def test_wrong_parents_are_faults_of_the_key(files):
     """A missing parent comes with the nearest file; anything but a name is refused."""
     files(noe_base="a: 1", high="extends: [noe_bas.yaml, 3]")
     assert layered("high.yaml")[1] == [
-        "high.yaml:1:11: extends: file not found, got 'noe_bas.yaml', "
-        "expected a file relative to high.yaml, did you mean 'noe_base.yaml'",
+        (
+            "high.yaml:1:11: extends: file not found, got 'noe_bas.yaml', "
+            "expected a file relative to high.yaml, did you mean 'noe_base.yaml'"
+        ),
         "high.yaml:1:25: extends: not a file name, got 3, expected one or a list of them",
     ]
 

@@ -1,0 +1,280 @@
+"""The command line: what it prints, what it leaves behind, and its exit codes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from small_components import GROUND, SCENARIO
+
+import orchestrator
+from orchestrator.__main__ import status
+from orchestrator.flight import fly, recording_metrics
+
+PROMISED = (
+    "outcome", "height_rms_m", "height_p95_m", "agl_rms_m", "clearance_min_m", "cross_track_rms_m",
+    "speed_rms_mps", "update_ms_median", "update_ms_p99", "cpu_ms_per_simulated_s", "ladder",
+    "recording", "heading_max_deg", "load_factor_min", "load_factor_max", "saturation_percent",
+    "deadline_misses", "duration_s",
+)  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    Path("glide.yaml").write_text(SCENARIO)
+    Path("ground.txt").write_text(GROUND)
+
+
+def test_help_imports_nothing_heavy():
+    """The help must answer at once: no numpy, pydantic, MCAP or YAML behind it."""
+    program = (
+        "import sys; from orchestrator.__main__ import status; status(['--help']); "
+        "print([m for m in ('numpy', 'pydantic', 'mcap', 'yaml', 'fmpy') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert "Fly a scenario" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_run_flies_records_and_prints_the_figures(capsys):
+    """The recording is named after the scenario; the table is on stdout, the rest on stderr."""
+    assert status(["run", "glide.yaml"]) == 0
+    printed = capsys.readouterr()
+    assert "minimum clearance" in printed.out
+    assert "glide.mcap" in printed.out
+    assert printed.err == "compiling flight kernels (first time only) ...\n"
+    assert Path("glide.mcap").stat().st_size > 0
+
+
+def test_run_prints_one_json_object(capsys):
+    """It holds every promised figure, null where the scene has no source for it."""
+    assert status(["run", "glide.yaml", "--json", "--out", "a.mcap"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert set(PROMISED) <= set(figures)
+    assert figures["outcome"] == "flown"
+    assert figures["recording"] == "a.mcap"
+    assert figures["clearance_min_m"] == pytest.approx(42.6, abs=0.1)
+    assert figures["height_rms_m"] is None
+    assert figures["cpu_ms_per_simulated_s"] > 0
+
+
+def test_metrics_of_the_recording_equal_those_of_the_run(capsys):
+    """To the last bit, from the recording alone."""
+    status(["run", "glide.yaml", "--json"])
+    run = capsys.readouterr().out
+    assert status(["metrics", "glide.mcap", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads(run)
+
+
+def test_timings_are_null_without_wall_clock(capsys):
+    """Nothing measured is told, and two recordings are byte-identical."""
+    for name in ("a.mcap", "b.mcap"):
+        code = status(
+            ["run", "glide.yaml", "--json", "--out", name, "--set", "recording.wall_clock=false"]
+        )
+        assert code == 0
+    figures = json.loads(capsys.readouterr().out.splitlines()[0])
+    for name in ("update_ms_median", "update_ms_p99", "cpu_ms_per_simulated_s", "deadline_misses"):
+        assert figures[name] is None
+    assert Path("a.mcap").read_bytes() == Path("b.mcap").read_bytes()
+
+
+def test_diff_tells_whether_two_recordings_are_the_same(capsys):
+    """Exit code 0 for the same simulated signals, 1 with the first differences otherwise."""
+    for number, name in enumerate(("a.mcap", "b.mcap", "c.mcap")):
+        climb = "components.pilot.parameters.gain_per_s=" + ("0.25" if number == 2 else "0.5")
+        status(["run", "glide.yaml", "--out", name, "--set", climb])
+    capsys.readouterr()
+    assert status(["diff", "a.mcap", "b.mcap"]) == 0
+    assert capsys.readouterr().out == "no difference\n"
+    assert status(["diff", "a.mcap", "c.mcap"]) == 1
+    assert "glider.state.altitude: value differs" in capsys.readouterr().out
+
+
+def test_run_can_do_without_a_recording(capsys):
+    """With --no-record nothing is left behind."""
+    assert status(["run", "glide.yaml", "--no-record", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recording"] is None
+    assert not list(Path().glob("*.mcap"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], 'hedgehop: Command "run" parameter SCENARIO requires an argument.'),
+        (["glide.yaml", "--oot", "x"], "hedgehop: Unknown option: --oot. Did you mean --out?"),
+        (["nowhere.yaml"], "nowhere.yaml: file not found, expected a scenario"),
+        (["glide.yaml", "--set", "sed=1"], "--set #1: sed: unknown key, got 'sed', did you mean"),
+        (
+            ["glide.yaml", "--set", "components.glider.parameters.altitude_m=9"],
+            (
+                "--set #1: components.glider.parameters.altitude_m: below ground, got 9.0 m, "
+                "expected 10.0 m or more"
+            ),
+        ),
+        (
+            ["glide.yaml", "--out", "nowhere/a.mcap"],
+            "nowhere/a.mcap: cannot be written, no such file or directory",
+        ),
+        (
+            ["glide.yaml", "--out", "glide.yaml"],
+            (
+                "glide.yaml: not a recording's name, got 'glide.yaml', "
+                "expected one that ends in '.mcap'"
+            ),
+        ),
+        (
+            ["glide.yaml", "--set", "components.pilot.use=small_components:Refuser"],
+            (
+                "glide.yaml:12:3: component 'pilot': cannot be initialized, "
+                "start outside the terrain, got north 5 m, expected up to 3 m"
+            ),
+        ),
+    ],
+)
+def test_bad_usage_and_bad_scenarios_end_with_2(capsys, arguments, message):
+    """One line that names it, no traceback, and no file left behind."""
+    assert status(["run", *arguments]) == 2
+    error = capsys.readouterr().err.removeprefix("compiling flight kernels (first time only) ...\n")
+    assert error.startswith(message)
+    assert "Traceback" not in error
+    assert not list(Path().glob("**/*.mcap"))
+    assert Path("glide.yaml").read_text() == SCENARIO
+
+
+def test_a_refused_run_leaves_an_older_recording_alone(capsys):
+    """The output is opened for the flight only."""
+    status(["run", "glide.yaml"])
+    before = Path("glide.mcap").read_bytes()
+    assert status(["run", "glide.yaml", "--set", "seed=x"]) == 2
+    assert Path("glide.mcap").read_bytes() == before
+
+
+def test_ctrl_c_ends_the_flight_at_the_next_tick_with_the_recording_finished(capsys):
+    """Exit code 130; the recording says how it ended."""
+    override = "components.pilot.use=small_components:Interrupter"
+    before = signal.getsignal(signal.SIGINT)
+    assert status(["run", "glide.yaml", "--json", "--set", override]) == 130
+    figures = json.loads(capsys.readouterr().out)
+    assert (figures["outcome"], figures["duration_s"]) == ("interrupted", 1.05)
+    assert recording_metrics(Path("glide.mcap"))["outcome"] == "interrupted"
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_failed_flight_ends_with_1(capsys):
+    """The component that failed is named, and the recording is finished."""
+    override = "components.pilot.use=small_components:Failing"
+    assert status(["run", "glide.yaml", "--set", override]) == 1
+    assert "component error after 1 s" in capsys.readouterr().out
+    assert recording_metrics(Path("glide.mcap"))["outcome"] == "component error"
+
+
+def test_an_end_that_the_scenario_names_is_a_failure_too(capsys):
+    """The outcome is the enumeration's own text."""
+    dive = "events.0.value=-1000.0"
+    assert status(["run", "glide.yaml", "--json", "--set", dive]) == 1
+    assert json.loads(capsys.readouterr().out)["outcome"] == "collision"
+
+
+def test_a_defect_is_one_line_with_the_way_to_the_traceback(capsys, monkeypatch):
+    """Exit code 3; HEDGEHOP_TRACEBACK=1 shows where."""
+    arguments = ["validate", "glide.yaml", "--set", "components.pilot.use=small_components:broken"]
+    assert status(arguments) == 3
+    error = capsys.readouterr().err
+    assert (
+        "hedgehop: internal error, RuntimeError: a defect, while making components.pilot" in error
+    )
+    assert "Traceback" not in error
+    monkeypatch.setenv("HEDGEHOP_TRACEBACK", "1")
+    assert status(arguments) == 3
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_validate_says_what_it_found(capsys):
+    """Nothing is flown."""
+    assert status(["validate", "glide.yaml"]) == 0
+    expected = "glide.yaml: valid, 2 components, 4 links, base tick 0.05 s\n"
+    assert capsys.readouterr().out == expected
+
+
+def test_list_names_installed_components(capsys):
+    """By entry point, with the first line of their docstrings."""
+    assert status(["list"]) == 0
+    assert "plant.helicopter:Helicopter" in capsys.readouterr().out
+
+
+def test_inspect_shows_variables_and_parameters_with_units(capsys):
+    """Made from its defaults, or as a given scenario makes it."""
+    assert status(["inspect", "small_components:Glider"]) == 0
+    printed = capsys.readouterr().out
+    assert "made with defaults" in printed
+    lines = [" ".join(line.split()) for line in printed.splitlines()]
+    assert "command.climb input Float64 m/s 0.0 rate of climb" in lines
+    assert "altitude_m m 100.0 a number >= 0 and <= 1000 at the start" in lines
+    keeper = ["inspect", "small_components:Keeper"]
+    assert status(keeper) == 2
+    text = SCENARIO.replace("small_components:Glider", "small_components:Keeper")
+    Path("glide.yaml").write_text(text)
+    assert status([*keeper, "--scenario", "glide.yaml"]) == 0
+    assert "made with glider of glide.yaml" in capsys.readouterr().out
+
+
+def test_check_tells_every_clause(capsys):
+    """Exit code 0 if the component keeps the contract."""
+    assert status(["check", "small_components:Glider"]) == 0
+    assert "passed" in capsys.readouterr().out
+
+
+def test_schema_is_json(capsys):
+    """For editors."""
+    assert status(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["$schema"].startswith("https://json-schema.org")
+
+
+def test_info_lists_the_topics_of_a_recording(capsys):
+    """With counts; a file that is no recording is refused."""
+    status(["run", "glide.yaml"])
+    capsys.readouterr()
+    assert status(["info", "glide.mcap"]) == 0
+    assert "/glider/state" in capsys.readouterr().out
+    assert status(["info", "glide.mcap", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["title"] == "A glider"
+    assert status(["info", "glide.yaml"]) == 2
+    assert status(["metrics", "nowhere.mcap"]) == 2
+
+
+def test_fly_is_the_same_from_python():
+    """Twelve lines suffice: a flight has its result, figures, signals and recording."""
+    flight = orchestrator.fly("glide.yaml", ["duration_s=5"], "a.mcap")
+    assert flight.result.outcome == "flown"
+    assert flight.metrics["duration_s"] == 5.0
+    times, clearance = flight.trace["glider.clearance"]
+    assert clearance.min() == flight.metrics["clearance_min_m"]
+    assert times[-1] == 5.0
+    assert flight.recording == Path("a.mcap")
+    assert orchestrator.load("glide.yaml").title == "A glider"
+    assert fly("glide.yaml").recording is None
+    assert not hasattr(orchestrator, "nothing")
+
+
+def test_one_thread_for_linear_algebra():
+    """`main` says so before numpy is imported."""
+    program = (
+        "import os, sys; sys.argv = ['hedgehop', '--version']; "
+        "from orchestrator.__main__ import main\n"
+        "try: main()\n"
+        "finally: print(os.environ['OMP_NUM_THREADS'])"
+    )
+    environment = {**os.environ, "OMP_NUM_THREADS": "4"}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True, text=True, check=True, env=environment,
+    )  # fmt: skip
+    assert done.stdout.split()[-1] == "1"

@@ -1,0 +1,41 @@
+"""The README's Python runs as it stands."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+README = Path(__file__).parents[1] / "README.md"
+TEXT = README.read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^hedgehop (\w+)", TEXT, flags=re.MULTILINE)
+BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL)
+
+
+def test_the_flight(monkeypatch, capsys):
+    """The Python example flies and says so."""
+    monkeypatch.chdir(README.parent)
+    exec(compile(BLOCKS[0], "README.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("flown 9.")
+
+
+def test_the_component(monkeypatch, tmp_path):
+    """The component of the README keeps every clause of the contract."""
+    from orchestrator.check import check_component
+
+    (tmp_path / "readme_lag.py").write_text(BLOCKS[1], encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import readme_lag
+
+    clauses = check_component(lambda: readme_lag.Lag(readme_lag.LagParameters()))
+    failed = [clause for clause in clauses if clause.verdict == "failed"]
+    sys.modules.pop("readme_lag")
+    assert not failed, failed
+
+
+@pytest.mark.parametrize("command", sorted(set(COMMANDS)))
+def test_the_commands_exist(command):
+    """Every command that the README types exists."""
+    from orchestrator.__main__ import status
+
+    assert status([command, "--help"]) == 0
