@@ -27,7 +27,7 @@ Weights = tuple[float, float, float, float]
 KNOT_M = 20.0
 LANE_M = 5.0
 STATIONS = 25
-NARROWING, SETTLING_M = 0.25, 60.0
+NARROWING, SETTLING_M = 0.25, 100.0
 # costs per metre, above any squared gradient: of not knowing it, and of a lane outside the corridor
 UNSENSED, OUTSIDE = 0.5, 1.0
 # lambda (m^4) of the offsets, doubled until the curvature is within its limit
@@ -113,7 +113,8 @@ def hold(coefficients: Array, size: int, low: float, high: float, curvature: flo
     """
     n = coefficients.size
     out = np.empty(max(n, size))
-    out[:n] = coefficients
+    for k in range(n):
+        out[k] = coefficients[k]
     for k in range(n, size):
         step = out[k - 1] - out[k - 2]
         change = curvature * KNOT_M**2
@@ -216,44 +217,39 @@ def _viterbi(
     w_h: float,
 ) -> Array:
     n = 2 * lanes + 1
-    lane = LANE_M * np.arange(-lanes, lanes + 1)
     parent = np.zeros((stations + 1, n), np.int64)
-    cost, h = np.full(n, np.inf), np.full(n, np.nan)
+    cost, h = np.full((stations + 1, n), np.inf), np.full((stations + 1, n), np.nan)
     north, east = position(course, station, offset)
     h_0 = height_and_slope(terrain_map, north, east)[0]
     datum = 0.0 if np.isnan(h_0) else h_0
     for k in range(1, stations + 1):
         s = station + k * KNOT_M
         W = width[min(max(int(s - course.first), 0), width.size - 1)]
-        new_cost, new_h = np.full(n, np.inf), np.full(n, np.nan)
         for j in range(n):
-            if k > 1 and cost[max(j - 2, 0) : j + 3].min() == np.inf:
-                continue
-            north, east = position(course, s, lane[j])
-            new_h[j] = height_and_slope(terrain_map, north, east)[0]
-            outside = max(abs(lane[j]) - W, 0.0) / LANE_M
-            here = w_l * lane[j] * lane[j] + OUTSIDE * outside * outside
-            here += UNSENSED if np.isnan(new_h[j]) else w_h * (new_h[j] - datum)
+            l = (j - lanes) * LANE_M
+            north, east = position(course, s, l)
+            h[k, j] = height_and_slope(terrain_map, north, east)[0]
+            outside = max(abs(l) - W, 0.0) / LANE_M
+            here = w_l * l * l + OUTSIDE * outside * outside
+            here += UNSENSED if np.isnan(h[k, j]) else w_h * (h[k, j] - datum)
             # the nearest lanes first: of equal costs the straightest step wins
             for step in (0, -1, 1, -2, 2):
                 i = j + step
-                paid, l, h_l = 0.0, offset, h_0
-                if k > 1 and 0 <= i < n and np.isfinite(cost[i]):
-                    paid, l, h_l = cost[i], lane[i], h[i]
-                elif k > 1 or step or abs(lane[j] - offset - slope * KNOT_M) > LANE_M:
+                paid, dl, dh = 0.0, l - offset, h[k, j] - h_0
+                if k > 1 and 0 <= i < n:
+                    paid, dl, dh = cost[k - 1, i], -step * LANE_M, h[k, j] - h[k - 1, i]
+                elif k > 1 or step or abs(dl - slope * KNOT_M) > LANE_M:
                     continue
-                dd = np.hypot(KNOT_M, lane[j] - l)
-                gradient = (new_h[j] - h_l) / dd
-                gradient = 0.0 if np.isnan(gradient) else gradient
-                tangent = (lane[j] - l) / KNOT_M
+                dd = np.sqrt(KNOT_M * KNOT_M + dl * dl)
+                gradient = 0.0 if np.isnan(dh) else dh / dd
+                tangent = dl / KNOT_M
                 total = paid + dd * (gradient * gradient + w_t * tangent * tangent + here)
-                if total < new_cost[j]:
-                    new_cost[j], parent[k, j] = total, i
-        cost, h = new_cost, new_h
+                if total < cost[k, j]:
+                    cost[k, j], parent[k, j] = total, i
     offsets = np.empty(stations + 1)
     offsets[0] = offset
-    j = int(np.argmin(cost))
+    j = np.argmin(cost[stations])
     for k in range(stations, 0, -1):
-        offsets[k] = lane[j]
+        offsets[k] = (j - lanes) * LANE_M
         j = parent[k, j]
     return offsets

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from controller.course import make_course
-from controller.mpc_variables import inputs, outputs, published
+from controller.mpc_variables import NO_PASS, inputs, outputs, published
 from controller.optimise import Design
 from controller.parameters import TUNABLE, MpcParameters, design
 from controller.prediction import PredictionModel
@@ -122,9 +122,11 @@ class BasisMpc:
         return found
 
     def step(self, time: float, step_size: float) -> int:
-        """Update the plan from the state measured at ``time``; it takes effect a latency later."""
-        self._update(time, self._late, round(step_size / self._period))
-        return 0
+        """Update the plan from the state measured at ``time``; it takes effect a latency later.
+
+        A state that is not finite is a warning, and the old plan goes on.
+        """
+        return self._update(time, self._late, round(step_size / self._period))
 
     def terminate(self) -> None:
         """Nothing to release."""
@@ -150,7 +152,7 @@ class BasisMpc:
         self._memory = Memory(plan=plan, bias=np.zeros(3))
         self._outputs = dict(published(p, task, self._memory, None, 0))
 
-    def _update(self, time: float, late: int, applied: int) -> None:
+    def _update(self, time: float, late: int, applied: int) -> int:
         scan = {
             name.removeprefix("scan."): v for name, v in self._inputs.items() if "scan." in name
         }
@@ -165,4 +167,8 @@ class BasisMpc:
         self._memory, best, rung = update(
             self._task, self._parameters, memory, state, time, late, applied
         )
+        if best is None:
+            self._outputs = {**self._outputs, **NO_PASS, "ladder": rung}
+            return 1
         self._outputs = dict(published(self._parameters, self._task, self._memory, best, rung))
+        return 0

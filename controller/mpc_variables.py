@@ -17,6 +17,8 @@ from controller.variables import Variable
 SOLVER = (*(status.value for status in Status), "none")
 SPACING = 2.0  # m, of the published reference
 BEHIND = 10.0  # m: where the published reference begins
+NO_PASS = {"step_length": 0.0, "solver_status": SOLVER.index("none"), "iterations": 0}
+"""What an update says that could not plan."""
 _AXES = ("north", "east", "down")
 _STATE_UNITS = (
     *("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("rad/s",) * 3, "rad", "rad", "G", "rad", "rad",
@@ -71,7 +73,9 @@ def outputs(p: MpcParameters, task: Task) -> list[Variable]:
         _discrete("cost.linear", "1", "cost that the linear model promised"),
         _discrete("step_length", "1", "accepted step of the line search"),
         replace(_discrete("ladder", "1", "how the plan came about", 0), items=LADDER),
-        replace(_discrete("solver_status", "1", "status of the quadratic programme", 0), items=SOLVER),
+        replace(
+            _discrete("solver_status", "1", "status of the quadratic programme", 0), items=SOLVER
+        ),
         _discrete("iterations", "1", "iterations of the solver", 0),
         _discrete("slack", "m", "clearance missing in the plan"),
         *(_discrete(f"bias.{axis}", "m/s2", f"acceleration bias {axis}") for axis in _AXES),

@@ -159,20 +159,21 @@ def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) 
         u0 + np.array(lengths)[:, None, None] * change, model.command_min, model.command_max
     )
     rollout = model.rollout(state, candidates, design.wind, bias)
-    Y = np.concatenate([rollout.outputs, Y0.T[None]]).transpose(2, 1, 0)
-    flown = np.concatenate([candidates, u0[None]])
+    # the shifted plan comes first: what gains nothing is no step
+    Y = np.concatenate([Y0.T[None], rollout.outputs]).transpose(2, 1, 0)
+    flown = np.concatenate([u0[None], candidates])
     _, slack, merit = costs(Y, rows, flown, target, aim.actuators, aim.commands, aim.path,
                             aim.weights, aim.terrain_map, ATTITUDE_EVERY)  # fmt: skip
-    merit[:-1][~rollout.valid] = np.inf
+    merit[1:][~rollout.valid] = np.inf
     merit[~np.isfinite(merit)] = np.inf
-    best = int(np.argmin(merit)) if design.line_search else 0
+    best = int(np.argmin(merit)) if design.line_search else 1
     return Pass(
         u=flown[best],
         Y=np.ascontiguousarray(Y[:, :, best]),
-        before=float(merit[-1]),
+        before=float(merit[0]),
         after=float(merit[best]),
         linear=qp.predicted_cost(data, solution.alpha),
-        step=float((*lengths, 0.0)[best]),
+        step=float((0.0, *lengths)[best]),
         slack=float(slack[best]),
         valid=bool(np.isfinite(merit[best])),
         solution=solution,

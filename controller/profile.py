@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from controller.jit import kernel
 from controller.lateral import (
     KNOT_M,
+    Weights,
     curvature_weights,
     evaluate,
     normal_equations,
@@ -112,7 +113,8 @@ def _attainable(kept: Array, old: Array, up: Array, slope: float) -> Array:
     """
     spans = up.size - 1
     climb = np.empty(spans + 3)
-    climb[:3] = kept
+    for k in range(3):
+        climb[k] = kept[k]
     for k in range(3, spans + 3):
         step = climb[k - 1] - climb[k - 2]
         rise = step + EMERGENCY * up[k - 2] * KNOT_M**2
@@ -131,6 +133,12 @@ def _attainable(kept: Array, old: Array, up: Array, slope: float) -> Array:
 
 
 @kernel()
+def _put(A: Array, row: int, first: int, w: Weights) -> None:
+    for a in range(4):
+        A[row, first + a] = w[a]
+
+
+@kernel()
 def _rows(
     kept: Array, floor: Array, up: Array, down: Array, slope: float
 ) -> tuple[Array, Array, Array, NDArray[np.int32]]:
@@ -146,17 +154,17 @@ def _rows(
     for k in range(1 if m else 0, floor.size):
         if np.isfinite(floor[k]):
             i = min(k // SAMPLES, spans - 1)
-            A[r, i : i + 4] = weights(k / SAMPLES - i)
+            _put(A, r, i, weights(k / SAMPLES - i))
             lower[r] = floor[k]
             r += 1
     for k in range(1 if m else 0, 2 * spans + 1):
         i = min(k // 2, spans - 1)
-        A[r, i : i + 4] = slope_weights(0.5 * k - i)
+        _put(A, r, i, slope_weights(0.5 * k - i))
         lower[r], upper[r], sense[r] = -slope, slope, 8
         r += 1
     for k in range(1 if m else 0, spans + 1):
         i = min(k, spans - 1)
-        A[r, i : i + 4] = curvature_weights(float(k - i))
+        _put(A, r, i, curvature_weights(float(k - i)))
         lower[r], upper[r], sense[r] = -down[k], up[k], 8
         r += 1
     for k in range(r):

@@ -175,8 +175,8 @@ def extend(
     new = reference.parameters if parameters is None else parameters
     path = reference.path
     if reference.known_until <= reference.origin:
-        z = float(path.altitude[0])
-        return start(reference.course, terrain_map, new, altitude=z, station=station)
+        level = float(reference.altitude[0])
+        return start(reference.course, terrain_map, new, altitude=level, station=station)
     nothing_new = terrain_map.last_count == reference.last_count and new == reference.parameters
     if nothing_new and path.start + path.north.size - 1 >= station + new.reach_m:
         return reference

@@ -105,7 +105,8 @@ class PlanSequencer:
         if self._arrived is None or sequence != self._arrived[0]:
             samples = np.stack([self._inputs[f"plan.{name}"] for name in self._channels], axis=1)
             start, period = self._inputs["plan.start_time"], self._inputs["plan.sample_period"]
-            self._arrived = (sequence, start, period, samples)
+            if self._arrived is None or np.isfinite(samples).all():  # else it failed
+                self._arrived = (sequence, start, period, samples)
         if self._arrived[1] <= time + 1e-9:
             self._playing = self._arrived
         if self._playing is None:

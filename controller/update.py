@@ -5,7 +5,7 @@ the last optimum, improve it, and step down the ladder where that fails.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -38,12 +38,14 @@ class Plan(NamedTuple):
 class Memory:
     """What one update leaves to the next.
 
+    ``committed`` (late, 4) are the commands from the update until ``plan`` takes effect.
     ``expected`` is the velocity, m/s NED, predicted for the next update, which is ``elapsed`` s on;
     ``bias`` the acceleration bias, m/s2 NED; ``station`` where the aircraft is along the reference.
     """
 
     plan: Plan
     bias: Floats
+    committed: Floats = field(default_factory=lambda: np.empty((0, 4)))
     terrain_map: TerrainMap | None = None
     reference: Reference | None = None
     station: float = 0.0
@@ -81,8 +83,11 @@ def update(
     time: float,
     late: int,
     applied: int,
-) -> tuple[Memory, Pass, int]:
+) -> tuple[Memory, Pass | None, int]:
     """Return the new memory, the accepted pass and its rung on the ladder.
+
+    Where the state is not finite there is nothing to plan from: the pass is None and the memory's
+    plan goes on.
 
     Parameters
     ----------
@@ -96,8 +101,11 @@ def update(
         Samples until the next update.
     """
     period = task.model.sample_period
+    kept = replace(memory, expected=None)
     memory = replace(memory, bias=_bias(p, memory, _velocity(state, task.model.states)))
-    begin, committed = _at_effect(task, p, memory, state, time, late)
+    begin, committed, on_the_way = _at_effect(task, p, memory, state, time, late)
+    if not np.isfinite(begin).all():
+        return kept, None, LADDER.index("old tail")
     memory = _carry_on(task, p, memory, state)
     H = _horizon(p, memory, period, late)
     aim = _aim(task, p, memory, begin, H)
@@ -107,8 +115,14 @@ def update(
     if task.attitude_form:
         tail[:, 3] = best.u[-1, 3]
     plan = Plan(memory.plan.sequence + 1, effective, H, np.concatenate([best.u, tail]))
-    velocities = np.concatenate([committed, best.Y[_velocity_rows(task)].T])
-    memory = replace(memory, plan=plan, expected=velocities[applied - 1], elapsed=applied * period)
+    velocities = np.concatenate([on_the_way, best.Y[_velocity_rows(task)].T])
+    memory = replace(
+        memory,
+        plan=plan,
+        committed=committed,
+        expected=velocities[applied - 1] if best.valid else None,
+        elapsed=applied * period,
+    )
     return memory, best, rung
 
 
@@ -127,19 +141,18 @@ def _bias(p: MpcParameters, memory: Memory, velocity: Floats) -> Floats:
 
 def _at_effect(
     task: Task, p: MpcParameters, memory: Memory, state: Floats, time: float, late: int
-) -> tuple[Floats, Floats]:
-    """Return the state when the plan takes effect and the velocities (late, 3) on the way there.
+) -> tuple[Floats, Floats, Floats]:
+    """Return the state when the plan takes effect, the samples (late, 4) and velocities until then.
 
-    The samples until then are committed: those of the plan in play.
+    Those samples are committed: what was so before the last plan, and then that plan's.
     """
     if late == 0 or not p.compensate_latency:
-        return state, np.empty((0, 3))
-    plan = memory.plan
-    first = round((time - plan.start) / task.model.sample_period)
-    index = np.clip(np.arange(first, first + late), 0, len(plan.commands) - 1)
-    committed = plan.commands[index]
+        return state, np.empty((0, 4)), np.empty((0, 3))
+    known = np.concatenate([memory.committed, memory.plan.commands])
+    first = len(memory.committed) + round((time - memory.plan.start) / task.model.sample_period)
+    committed = known[np.clip(np.arange(first, first + late), 0, len(known) - 1)]
     rollout = task.model.rollout(state, committed[None], np.array(p.wind_mps), memory.bias)
-    return rollout.last[0].copy(), rollout.outputs[0][:, _velocity_rows(task)]
+    return rollout.last[0].copy(), committed, rollout.outputs[0][:, _velocity_rows(task)]
 
 
 def _carry_on(task: Task, p: MpcParameters, memory: Memory, state: Floats) -> Memory:

@@ -123,8 +123,9 @@ def run(
     if file is not None and flight.recording is None:
         print(f"{file}: the recording is incomplete", file=sys.stderr)
         return 2
-    outcome = flight.metrics["outcome"]
-    return 128 + caught[0] if outcome == "interrupted" else int(outcome != "flown")
+    if caught and flight.result.outcome == "interrupted":
+        return 128 + caught[0]
+    return int(flight.metrics["outcome"] != "flown")
 
 
 def _report(system: "System", flight: "Flight", *, as_json: bool) -> None:
@@ -137,7 +138,7 @@ def _report(system: "System", flight: "Flight", *, as_json: bool) -> None:
         from orchestrator.tables import flight_table
         from orchestrator.terminal import print_table
 
-        print_table(flight_table(system.scenario.title, flight.metrics, flight.recording))
+        print_table(system.scenario.title, flight_table(flight.metrics, flight.recording))
 
 
 def _built(scenario: Path, overrides: list[str] | None) -> "System":
@@ -185,7 +186,7 @@ def list_() -> None:
         except ValueError as error:
             meaning = f"broken: {error}"
         rows.append((name, point.value, meaning))
-    print_table(components_table(rows))
+    print_table("installed components", components_table(rows))
 
 
 @app.command
@@ -209,13 +210,12 @@ def inspect(use: str, /, *, scenario: Path | None = None) -> None:
         factory = find(use)
         record = constructor(factory).record
         if record is not None:
-            print_table(parameters_table(adapter(record).json_schema()))
+            print_table(f"{use}: parameters", parameters_table(adapter(record).json_schema()))
         if isinstance(factory, type) and not hasattr(factory, "describe"):
             return  # a resource
         arguments, where = example(factory, scenario)
-        print(f"\nmade with {where}:\n")
         described = ports(use, factory(**arguments).describe())
-    print_table(variables_table(described.values()))
+    print_table(f"\n{use}: variables, made with {where}", variables_table(described.values()))
 
 
 @app.command
@@ -274,7 +274,7 @@ def info(recording: Path, /, *, json: Json = False) -> None:
 
         print(dumps(found))
     else:
-        print_table(recording_table(found))
+        print_table(f"{found['title']}: {found['outcome']}", recording_table(found))
 
 
 @app.command
@@ -319,7 +319,7 @@ def metrics(recording: Path, /, *, json: Json = False) -> None:
         from orchestrator.tables import flight_table
         from orchestrator.terminal import print_table
 
-        print_table(flight_table(recording.stem, figures, recording))
+        print_table(recording.stem, flight_table(figures, recording))
 
 
 @contextmanager

@@ -95,6 +95,8 @@ def fly_system(
         result = simulate(system, listeners, progress, interrupt)
     except ScenarioError as error:
         raise located(error, scenario.origins) from error
+    except OSError as error:  # only a recorder's: a component's would have been dealt with
+        raise ScenarioError([Problem((), str(error))]) from error
     finished = out if recorder and recorder.failure is None else None
     return Flight(result, figures(result), trace, finished)
 

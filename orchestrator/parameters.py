@@ -81,7 +81,7 @@ def adapter(record: type[Any]) -> TypeAdapter[Any]:
     return TypeAdapter(_validated(record))
 
 
-def _validated(hint: Any) -> Any:  # noqa: ANN401  a type hint can be anything
+def _validated(hint: Any) -> Any:
     """Return a type hint in which dataclasses are validated and files are looked up."""
     if isinstance(hint, type) and is_dataclass(hint):
         return Annotated[_model(hint), AfterValidator(lambda model: _make(hint, model))]

@@ -105,7 +105,7 @@ class Recorder:
                 streams.append(_Stream(channel, topic.encode, topic.on_change))
         except OSError as error:
             self._release()
-            raise OSError(f"{self.path}: cannot be written, {error.strerror}") from error
+            raise OSError(f"{self.path}: cannot be written, {error.strerror or error}") from error
 
     def outputs(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
         """Write the groups of a component; wholly discrete ones only where something changed."""
@@ -184,7 +184,7 @@ class Recorder:
         if self.failure is None:
             self.failure = error
             after = f"after {self._time_ns / 1e9:g} s of simulated time"
-            _log.error("%s: recording stopped %s, %s", self.path, after, error.strerror)
+            _log.error("%s: recording stopped %s, %s", self.path, after, error.strerror or error)
 
     def _summary(self, result: Result) -> dict[str, str]:
         unwanted = {f"overruns.{component}" for component in self._untimed}

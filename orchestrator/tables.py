@@ -29,9 +29,9 @@ FIGURES = {  # metric: what the closing table calls it, format
 }
 
 
-def flight_table(title: str, metrics: Mapping[str, Any], recording: Path | None) -> Table:
+def flight_table(metrics: Mapping[str, Any], recording: Path | None) -> Table:
     """Return the closing table of a run; figures without a source are left out."""
-    table = _table(title)
+    table = _table()
     table.add_column("figure")
     table.add_column("value", justify="right")
     outcome = f"{metrics['outcome']} after {metrics['duration_s']:g} s"
@@ -50,7 +50,7 @@ def flight_table(title: str, metrics: Mapping[str, Any], recording: Path | None)
 
 def variables_table(ports: Iterable[Port]) -> Table:
     """Return a component's variables."""
-    table = _table("variables")
+    table = _table()
     for heading in ("name", "causality", "type", "shape", "unit", "start", "meaning"):
         table.add_column(heading, overflow="fold")
     for port in ports:
@@ -77,7 +77,7 @@ def _start(value: Value | None) -> str:
 
 def parameters_table(schema: Mapping[str, Any]) -> Table:
     """Return a component's parameters, from the JSON Schema of its dataclass."""
-    table = _table("parameters")
+    table = _table()
     for heading in ("name", "unit", "default", "expected", "meaning"):
         table.add_column(heading, overflow="fold")
     needed = schema.get("required", ())
@@ -94,7 +94,7 @@ def parameters_table(schema: Mapping[str, Any]) -> Table:
 
 def components_table(rows: Iterable[tuple[str, str, str]]) -> Table:
     """Return the installed components: name, where they are, what they are."""
-    table = _table("installed components")
+    table = _table()
     for heading in ("name", "use", "meaning"):
         table.add_column(heading, overflow="fold")
     for row in rows:
@@ -104,7 +104,7 @@ def components_table(rows: Iterable[tuple[str, str, str]]) -> Table:
 
 def recording_table(info: Mapping[str, Any]) -> Table:
     """Return the topics of a recording."""
-    table = _table(f"{info['title']}: {info['outcome']} after {info['duration_s']:g} s")
+    table = _table()
     for heading in ("topic", "message", "count", "Hz", "variables"):
         table.add_column(heading, overflow="fold")
     for topic in info["topics"]:
@@ -119,5 +119,5 @@ def recording_table(info: Mapping[str, Any]) -> Table:
     return table
 
 
-def _table(title: str) -> Table:
-    return Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
+def _table() -> Table:
+    return Table(box=None, pad_edge=False, header_style="bold")

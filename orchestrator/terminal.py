@@ -10,9 +10,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 
-def print_table(table: Table) -> None:
+def print_table(title: str, table: Table) -> None:
     """Print to stdout, as wide as the terminal; wide enough for whole lines elsewhere."""
-    Console(highlight=False, width=None if sys.stdout.isatty() else 160).print(table)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console.print(title, style="bold", markup=False)
+    console.print(table)
 
 
 def announce(name: str) -> None:

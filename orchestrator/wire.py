@@ -102,7 +102,7 @@ def _variable(field: WireField) -> tuple[bytes, Callable[[Any], bytes]]:
         return b"", _array(field)
     if field.kind == "enum":
         return b"", _enumeration(field.number)
-    return b"", lambda text: delimited(field.number, str(text).encode())
+    return b"", lambda text: delimited(field.number, str(text).encode(errors="replace"))
 
 
 def encoder(fields: Sequence[WireField]) -> Encoder:

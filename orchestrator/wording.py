@@ -52,8 +52,10 @@ def _words(schema: Schema, key: str | int) -> str:
         ]
         return f"{words} {' and '.join(bounds)}" if bounds else words + (unit and f" in{unit}")
     if kind == "array":
-        sizes = dict.fromkeys(schema[name] for name in ("minItems", "maxItems") if name in schema)
-        return f"a list of {' to '.join(map(str, sizes))}" if sizes else "a list"
+        least, most = schema.get("minItems", 0), schema.get("maxItems")
+        if most is not None:
+            return f"a list of {most}" if least == most else f"a list of {least} to {most}"
+        return f"a list of {least} or more" if least else "a list"
     if kind == "object" and "properties" in schema:
         return f"a mapping of {', '.join(schema['properties'])}"
     if kind == "string" and "examples" in schema:

@@ -245,15 +245,15 @@ def test_beyond_the_sensed_terrain_the_path_levels_off_and_slows():
 def test_blind_it_is_level_and_starts_when_something_is_seen():
     """With nothing sensed it is level and commits to nothing; the first terrain starts it."""
     nothing = empty_map(10.0)
-    blind = start(COURSE, nothing, DEFAULT, altitude=123.0)
+    blind = start(COURSE, nothing, DEFAULT, altitude=26.0)
     assert blind.status == "blind"
     assert blind.known_until == 0.0
     at = sample(blind, np.arange(0, 400.0))
-    np.testing.assert_allclose(at.altitude, 123.0)
+    np.testing.assert_allclose(at.altitude, 26.0)
     np.testing.assert_array_equal(at.speed, 30.0)
     blind = extend(blind, nothing, 15.0)
     assert blind.status == "blind"
-    assert blind.path.altitude[0] == 123.0
+    assert blind.altitude[0] == 26.0
     seeing = extend(blind, scan(nothing, hills, 30.0, 0.0, 0.0, 400.0), 30.0)
     assert seeing.status == "fitted"
     at = sample(seeing, np.arange(80.0, 300.0))

@@ -151,8 +151,7 @@ def test_a_wrong_parameter_is_one_line(override, message):
             "helicoptr",
             (
                 "13:10: components.pilot.use: no component of this name, got 'helicoptr', "
-                "expected an installed one or 'module:attribute', did you mean 'helicopter' or "
-                "'collective_helicopter'"
+                "expected an installed one or 'module:attribute', did you mean 'helicopter'"
             ),
         ),
         (

@@ -278,3 +278,11 @@ def test_one_thread_for_linear_algebra():
         capture_output=True, text=True, check=True, env=environment,
     )  # fmt: skip
     assert done.stdout.split()[-1] == "1"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_is_told_and_ends_with_2(capsys):
+    """A recording that cannot be written is bad usage, whenever that turns out."""
+    Path("full.mcap").symlink_to("/dev/full")
+    assert status(["run", "glide.yaml", "--out", "full.mcap"]) == 2
+    assert "full.mcap: cannot be written, No space left on device\n" in capsys.readouterr().err

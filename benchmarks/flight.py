@@ -1,0 +1,123 @@
+"""Measure a whole flight: CPU ms per simulated second, recording included, and where it goes.
+
+Flies ``scenarios/jacksboro.yaml`` as ``hedgehop run`` does, several times in one process, and times
+the run loop alone: no imports, no loading, no first calls, no closing table. Then once more with a
+timer around every call of a component and of a listener; what is left is the orchestrator's.
+"""
+
+import argparse
+import tempfile
+from collections import Counter
+from pathlib import Path
+from time import process_time
+
+import machine
+
+from orchestrator.build import build
+from orchestrator.logbook import Logbook
+from orchestrator.recorder import Recorder
+from orchestrator.scenario import load
+from orchestrator.simulate import simulate
+from orchestrator.trace import Trace
+
+SCENARIO = Path(__file__).parents[1] / "scenarios" / "jacksboro.yaml"
+CASES = {"5 Laguerre": ("laguerre", 5, 25.0), "10 tents": ("tent", 10, 40.0)}  # target, ms
+
+
+class Timed:
+    """Anything, with the CPU time of its methods added up under one name."""
+
+    def __init__(self, inner, name, spent):
+        self._inner, self._name, self._spent = inner, name, spent
+
+    def __getattr__(self, attribute):
+        value = getattr(self._inner, attribute)
+        if not callable(value):
+            return value
+
+        def timed(*arguments, **keywords):
+            begin = process_time()
+            try:
+                return value(*arguments, **keywords)
+            finally:
+                self._spent[self._name] += process_time() - begin
+
+        return timed
+
+
+def overrides(case):
+    """Return the case as overrides of the scenario."""
+    basis, number, _ = CASES[case]
+    parameters = "components.mpc.parameters"
+    return [f"{parameters}.basis={basis}", f"{parameters}.bases_per_channel={number}"]
+
+
+def fly(case, folder, *, is_split):
+    """Return CPU ms per simulated second of one flight's run loop, and of its parts if split."""
+    system = build(load(SCENARIO, overrides(case)))
+    trace = Trace()
+    listeners = {
+        "trace": trace,
+        "logbook": Logbook(trace),
+        "recorder": Recorder(folder / "flight.mcap"),
+    }
+    spent = Counter()
+    if is_split:
+        for name, instance in system.instances.items():
+            instance.component = Timed(instance.component, name, spent)
+        listeners = {name: Timed(one, name, spent) for name, one in listeners.items()}
+    marks = []
+
+    def mark(_):  # first called before the first step, last after the last one
+        marks.append((process_time(), Counter(spent)))
+
+    result = simulate(system, list(listeners.values()), mark)
+    assert result.outcome == "flown", result
+    (begin, before), (end, after) = marks[0], marks[-1]
+    per_second = 1e3 / (result.time_ns / 1e9)
+    parts = {name: (after[name] - before[name]) * per_second for name in after}
+    whole = (end - begin) * per_second
+    return whole, {**parts, "orchestrator": whole - sum(parts.values())}
+
+
+def measure(case, repetitions):
+    """Return the figures of one case as plain data, ms per simulated second."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        fly(case, folder, is_split=False)  # compiles, and warms every cache
+        whole = sorted(fly(case, folder, is_split=False)[0] for _ in range(repetitions))
+        split = min(
+            (fly(case, folder, is_split=True) for _ in range(2)), key=lambda found: found[0]
+        )
+    return {
+        "min": whole[0],
+        "median": whole[len(whole) // 2],
+        "target": CASES[case][2],
+        "split": split[1],
+    }
+
+
+def table(figures):
+    """Return the figures as text."""
+    parts = list(next(iter(figures.values()))["split"])
+    rows = [("", "min", "median", "target", *parts)]
+    for case, found in figures.items():
+        values = [*(found[key] for key in rows[0][1:4]), *(found["split"][part] for part in parts)]
+        rows.append((case, *(f"{value:.2f}" for value in values)))
+    return "\n".join(
+        f"{row[0]:12}" + "".join(f"{cell:>{max(8, len(rows[0][i + 1]) + 1)}}"
+        for i, cell in enumerate(row[1:])) for row in rows
+    )  # fmt: skip
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repetitions", type=int, default=5)
+    arguments = parser.parse_args()
+    print(machine.line())
+    print("CPU ms per simulated second of the run loop, with recording; split: one flight")
+    print(table({case: measure(case, arguments.repetitions) for case in CASES}))
+
+
+if __name__ == "__main__":
+    main()
