@@ -107,9 +107,11 @@ class Ramp(NamedTuple):
 class Reference:
     """The reference of one moment.
 
-    ``knot`` is where the last planning began: all before it is committed. ``known_until`` is the
-    station up to which terrain was sensed. ``lateral`` and ``altitude`` (spans + 3,) are B-spline
-    coefficients (m) from span ``first_span`` on, and ``path`` their samples.
+    ``lateral`` and ``altitude`` (spans + 3,) are B-spline coefficients (m) from span ``first_span``
+    on, and ``path`` their samples. ``knot`` is where the last planning began: all before it is
+    committed. ``known_until`` is the station up to which terrain was sensed, and ``origin`` that of
+    the start. ``width`` is the corridor (:func:`controller.lateral.half_width`), ``height`` the set
+    height over the station, ``last_count`` the map's count that it was planned over.
     """
 
     parameters: ReferenceParameters
@@ -217,7 +219,8 @@ def _plan(
     altitude, status = old.altitude[at : at + 3], "blind"
     if ground.size > 1:
         altitude, status = _plan_altitude(old, ground, height, parameters, station, at)
-    end = max(known_until + BEHIND_M, station + parameters.reach_m)
+    # half as much again, so that an outage of the sensor does not plan again at every call
+    end = max(known_until + BEHIND_M, station + 1.5 * parameters.reach_m)
     total = 3 + max(ceil((end - s_0) / KNOT_M), altitude.size - 3)
     altitude = hold(altitude, total, 0.0, np.inf, limits.up / limits.speed**2)
     lateral = hold(lateral, total, 0.0, 0.0, turn_max)[:total]

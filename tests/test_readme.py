@@ -39,3 +39,25 @@ def test_the_commands_exist(command):
     from orchestrator.__main__ import status
 
     assert status([command, "--help"]) == 0
+
+
+def test_every_parameter_is_documented():
+    """scenarios/README.md names every key of a scenario and every parameter of what ships."""
+    from dataclasses import fields
+
+    from controller.parameters import MpcParameters
+    from controller.sequencer import SequencerParameters
+    from orchestrator.scenario import json_schema
+    from plant.gust import DrydenGustParameters
+    from plant.helicopter import HelicopterParameters, ModelParameters, Perturbation
+    from plant.sensor import TerrainSensorParameters
+    from plant.terrain import TerrainParameters
+
+    text = (README.parent / "scenarios" / "README.md").read_text(encoding="utf-8")
+    records = (
+        MpcParameters, SequencerParameters, DrydenGustParameters, HelicopterParameters,
+        ModelParameters, Perturbation, TerrainSensorParameters, TerrainParameters,
+    )  # fmt: skip
+    names = {field.name for record in records for field in fields(record)}
+    names |= set(json_schema()["properties"])
+    assert not [name for name in sorted(names) if f"`{name}" not in text]
