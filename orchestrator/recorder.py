@@ -2,17 +2,19 @@
 
 import json
 import logging
+import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
-from io import FileIO
+from io import BufferedWriter, FileIO
 from pathlib import Path
 from typing import Any
 
+from mcap.writer import CompressionType, Writer
+
 from orchestrator.component import Value
 from orchestrator.listener import Result
-from orchestrator.mcap_writer import McapWriter
 from orchestrator.provenance import EPOCH_NS, document, provenance
 from orchestrator.records import Scenario
 from orchestrator.system import System
@@ -21,6 +23,7 @@ from orchestrator.wire import Encoder, timestamp
 from orchestrator.yaml_source import dump
 
 FLUSH_NS = 1_000_000_000
+CHUNK_BYTES = 1 << 24  # never reached within a second: the flush decides
 
 _log = logging.getLogger("hedgehop")
 
@@ -33,6 +36,7 @@ class _Stream:
     encode: Encoder
     on_change: bool
     last: list[bytes] | None = None
+    sequence: int = 0
 
 
 class Recorder:
@@ -73,8 +77,9 @@ class Recorder:
         self.failure: OSError | None = None
         self._wall_clock = wall_clock
         self._metrics = metrics
-        self._file: FileIO | None = None
-        self._writer: McapWriter | None = None
+        self._file: BufferedWriter | None = None
+        self._writer: Writer | None = None
+        self._whole = 0  # bytes of the file that end with a whole record
         self._streams: dict[tuple[str, str], list[_Stream]] = {}  # by listener call and component
         self._parameters: dict[str, dict[str, Value]] = {}  # all current values by component
         self._untimed: set[str] = set()  # components whose overruns are not recorded
@@ -95,12 +100,20 @@ class Recorder:
             self._untimed = {spec.name for spec in specs if spec.on_overrun == "log"}
         planned = topics(system, wall_clock=self._wall_clock)
         try:
-            self._file = FileIO(self.path, "wb")
-            self._writer = writer = McapWriter(self._file, f"hedgehop {version('hedgehop')}")
+            self._file = BufferedWriter(FileIO(self.path, "wb"))
+            self._writer = writer = Writer(
+                self._file,
+                chunk_size=CHUNK_BYTES,
+                compression=CompressionType.ZSTD,
+                enable_data_crcs=True,
+            )
+            writer.start(profile="", library=f"hedgehop {version('hedgehop')}")
             _describe(writer, system.scenario)
             for topic in planned:
-                schema = writer.schema(topic.message, topic.descriptors)
-                channel = writer.channel(topic.name, schema, topic.metadata)
+                schema = writer.register_schema(topic.message, "protobuf", topic.descriptors)
+                channel = writer.register_channel(
+                    topic.name, "protobuf", schema, dict(topic.metadata)
+                )
                 streams = self._streams.setdefault((topic.call, topic.component), [])
                 streams.append(_Stream(channel, topic.encode, topic.on_change))
         except OSError as error:
@@ -146,9 +159,10 @@ class Recorder:
             summary = self._summary(result)
         finally:
             try:
-                writer.flush()
-                writer.metadata("hedgehop.summary", summary)
-                writer.finish()
+                if self.failure is None:
+                    self._flush(writer)
+                    writer.add_metadata("hedgehop.summary", summary)
+                    writer.finish()
             except OSError as error:
                 self._fail(error)
             self._release()
@@ -166,18 +180,25 @@ class Recorder:
                 if parts == stream.last:
                     continue
                 stream.last = parts
-            writer.message(stream.channel, now_ns, b"".join((stamp, *parts)))
+            stream.sequence += 1
+            data = b"".join((stamp, *parts))
+            writer.add_message(stream.channel, now_ns, data, now_ns, stream.sequence)
 
-    def _advance(self, writer: McapWriter, time_ns: int) -> None:
+    def _advance(self, writer: Writer, time_ns: int) -> None:
         """Move on to another instant; at most one simulated second waits in memory."""
         self._time_ns = time_ns
         self._stamp = timestamp(EPOCH_NS + time_ns)
         if time_ns >= self._flush_ns:
             self._flush_ns = (time_ns // FLUSH_NS + 1) * FLUSH_NS
             try:
-                writer.flush()
+                self._flush(writer)
             except OSError as error:
                 self._fail(error)
+
+    def _flush(self, writer: Writer) -> None:
+        writer.flush()
+        if self._file is not None:
+            self._whole = self._file.tell()
 
     def _fail(self, error: OSError) -> None:
         """Give up recording, and say so where it is still possible: the file is not."""
@@ -208,13 +229,18 @@ class Recorder:
         if self._file is not None:
             with suppress(OSError):
                 self._file.close()
+            self._file = None
+            if self.failure is not None:  # what was torn goes; what was flushed stays readable
+                with suppress(OSError):
+                    os.truncate(self.path, self._whole)
 
 
-def _describe(writer: McapWriter, scenario: Scenario) -> None:
+def _describe(writer: Writer, scenario: Scenario) -> None:
     """Write what is known before the run: the scenario, where it comes from, what viewers draw."""
     plain = document(scenario)
-    writer.attachment("scenario.yaml", "application/yaml", dump(plain).encode(), EPOCH_NS)
+    yaml, media = dump(plain).encode(), "application/yaml"
+    writer.add_attachment(EPOCH_NS, EPOCH_NS, "scenario.yaml", media, yaml)
     text = json.dumps(plain, indent=2, ensure_ascii=False)
-    writer.attachment("scenario.json", "application/json", text.encode(), EPOCH_NS)
-    writer.metadata("hedgehop.provenance", provenance(scenario))
-    writer.metadata("hedgehop.scene", dict(scenario.scene))
+    writer.add_attachment(EPOCH_NS, EPOCH_NS, "scenario.json", "application/json", text.encode())
+    writer.add_metadata("hedgehop.provenance", provenance(scenario))
+    writer.add_metadata("hedgehop.scene", dict(scenario.scene))

@@ -11,7 +11,7 @@ import pytest
 from fake_system import SCENE, TICK_NS, flight, helicopter, make_system, port, tell
 from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
-from mcap.records import Channel, Footer, Message
+from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -323,9 +323,8 @@ class FullDisk(FileIO):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("spare", [0, 40_000])
-def test_a_full_disk_ends_the_recording_not_the_run(tmp_path, monkeypatch, caplog, spare):
-    """The failure is logged and kept, the run goes on, and the file ends after a whole record."""
+def test_a_full_disk_ends_the_recording_not_the_run(tmp_path, monkeypatch, caplog):
+    """The failure is logged and kept, the run goes on, and every flushed second is readable."""
     system = helicopter()
     monkeypatch.setattr(recorder, "FileIO", FullDisk)
     monkeypatch.setattr(FullDisk, "room", 150_000)
@@ -335,18 +334,12 @@ def test_a_full_disk_ends_the_recording_not_the_run(tmp_path, monkeypatch, caplo
     calls = flight(system, 4.0)
     for call, arguments in calls:
         getattr(listener, call)(*arguments)
-    FullDisk.room += spare
     listener.close(Result("flown", "", 4 * 10**9))
     assert listener.failure.errno == errno.ENOSPC
     assert "full.mcap: recording stopped after" in caplog.text
     records = survivors(path)
-    assert isinstance(records[-1], Footer) == bool(spare)
-    assert any(isinstance(r, Message) for r in records)
-    if not spare:
-        return
-    with path.open("rb") as stream:
-        tables = {m.name: m.metadata for m in make_reader(stream).iter_metadata()}
-    assert "No space left on device" in tables["hedgehop.summary"]["recording"]
+    times = [r.log_time - EPOCH_NS for r in records if isinstance(r, Message)]
+    assert max(times) >= 10**9 - TICK_NS
 
 
 def test_failing_metrics_leave_a_finished_file(tmp_path):

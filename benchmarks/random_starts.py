@@ -1,0 +1,228 @@
+"""Fly from many random starts, in gusts, with a 10 m step of the set height on the way.
+
+    python benchmarks/random_starts.py                      # the study: 8 cells of 100 flights
+    python benchmarks/random_starts.py --runs 10 --form attitude --basis tent
+
+A cell is a command form, a preset and a basis; run i starts alike in all of them. The ground is flat
+and 40 m below (``random_starts.yaml``): a flight that fails has departed or flown into the ground
+by itself. A heading 45 degrees off its reference counts as a departure.
+
+The result depends on the seed and the number of runs alone, not on the number of processes.
+"""
+
+import argparse
+import json
+import multiprocessing
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from itertools import product
+from pathlib import Path
+from time import process_time
+
+import machine
+import numpy as np
+
+SCENARIO = Path(__file__).with_suffix(".yaml")
+FORMS, PRESETS = ("attitude", "actuator"), ("r50", "r50_bare")
+BASES = {"laguerre": 5, "tent": 10}  # functions per channel
+BARS = {"laguerre": 2.5, "tent": 0.5}  # m, late height error in attitude form
+LATE = 3.0  # s at the end of a flight
+SPREAD = {
+    "north_m": 5.0, "east_m": 5.0, "up_m": 5.0,
+    "forward_mps": 3.0, "right_mps": 3.0, "up_mps": 3.0,
+    "roll_deg": 20.0, "pitch_deg": 20.0, "heading_deg": 15.0,
+}  # fmt: skip
+"""Half widths of the uniform distributions of the start."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is flown many times."""
+
+    form: str
+    preset: str
+    basis: str
+
+    @property
+    def title(self) -> str:
+        """Name in tables."""
+        return f"{self.form}, {self.preset}, {BASES[self.basis]} {self.basis}"
+
+
+@dataclass(frozen=True)
+class Run:
+    """How one flight went; ``late_m`` is its largest height error of the last 3 s, if it got there."""
+
+    number: int
+    outcome: str
+    end_s: float
+    late_m: float | None
+    ladder: Mapping[str, int]
+    cpu_s: float
+
+
+def start(seed: int, number: int) -> dict[str, float]:
+    """Return the perturbation of run ``number``."""
+    rng = np.random.default_rng((seed, number))
+    return {name: float(rng.uniform(-half, half)) for name, half in SPREAD.items()}
+
+
+def overrides(cell: Cell, seed: int, number: int) -> list[str]:
+    """Return what run ``number`` of a cell changes in the scenario."""
+    return [
+        f"seed={1000 * seed + number}",
+        f"resources.model.parameters.preset={cell.preset}",
+        f"resources.model.parameters.command={cell.form}",
+        f"components.vehicle.parameters.preset={cell.preset}",
+        f"components.vehicle.parameters.command={cell.form}",
+        f"components.sequencer.parameters.command={cell.form}",
+        f"components.mpc.parameters.basis={cell.basis}",
+        f"components.mpc.parameters.bases_per_channel={BASES[cell.basis]}",
+        *(
+            f"components.vehicle.parameters.perturbation.{name}={value!r}"
+            for name, value in start(seed, number).items()
+        ),
+    ]
+
+
+def fly(cell: Cell, seed: int, number: int) -> Run:
+    """Fly run ``number`` of a cell."""
+    from orchestrator.deviation import POSE, REFERENCE, VELOCITY, deviation
+    from orchestrator.flight import fly as fly_scenario
+
+    begin = process_time()
+    flight = fly_scenario(SCENARIO, overrides(cell, seed, number))
+    trace = flight.trace
+    off = deviation(
+        {name: trace[f"vehicle.pose.{name}"] for name in POSE},
+        {name: trace[f"vehicle.velocity.{name}"] for name in VELOCITY},
+        {name: trace[f"mpc.reference.{name}"] for name in REFERENCE},
+    )
+    end = flight.metrics["duration_s"]
+    arrived = flight.result.outcome == "flown"
+    late = float(np.abs(off.height[off.time >= end - LATE - 1e-9]).max()) if arrived else None
+    return Run(
+        number, flight.metrics["outcome"], end, late, flight.metrics["ladder"],
+        process_time() - begin,
+    )  # fmt: skip
+
+
+def _fly(task: tuple[Cell, int, int]) -> tuple[Cell, Run]:
+    cell, seed, number = task
+    return cell, fly(cell, seed, number)
+
+
+def study(cells: list[Cell], seed: int, runs: int, processes: int) -> dict[Cell, list[Run]]:
+    """Fly all runs of all cells, with a line of progress on stderr."""
+    tasks = [(cell, seed, number) for number in range(runs) for cell in cells]
+    flown: dict[Cell, list[Run]] = {cell: [] for cell in cells}
+    failed = Counter()
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        for done, (cell, run) in enumerate(pool.imap(_fly, tasks), start=1):
+            flown[cell].append(run)
+            failed[cell.form] += run.outcome != "flown"
+            lost = ", ".join(f"{form} {failed[form]}" for form in sorted({c.form for c in cells}))
+            print(f"\r{done}/{len(tasks)} flown, lost: {lost} ", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return flown
+
+
+def summary(cell: Cell, runs: list[Run]) -> dict:
+    """Return the figures of a cell as plain data."""
+    late = np.array([run.late_m for run in runs if run.late_m is not None])
+    outcomes = Counter(run.outcome for run in runs)
+    ladder = sum((Counter(run.ladder) for run in runs), Counter())
+    rejected = [run.ladder["old tail"] + run.ladder["trim"] for run in runs]
+    worst = sorted(runs, key=lambda run: (run.late_m is None, run.late_m or -run.end_s))
+    found = {
+        **asdict(cell),
+        "functions_per_channel": BASES[cell.basis],
+        "runs": len(runs),
+        "outcomes": dict(outcomes),
+        "late_height_error_m": None
+        if not late.size
+        else {
+            "median": float(np.median(late)),
+            "p95": float(np.percentile(late, 95)),
+            "max": float(late.max()),
+        },
+        "updates": {
+            rung: ladder[rung] for rung in ("full step", "shorter step", "old tail", "trim")
+        },
+        "rejected_steps_max": max(rejected),
+        "worst": [
+            {"run": run.number, "outcome": run.outcome, "end_s": run.end_s, "late_m": run.late_m}
+            for run in worst[:-4:-1]
+        ],
+        "cpu_s_per_flight": round(float(np.median([run.cpu_s for run in runs])), 2),
+    }
+    if cell.form == "attitude":
+        bar = BARS[cell.basis]
+        found["bar_m"] = bar
+        found["bar_met"] = outcomes["flown"] == len(runs) and bool(late.max() <= bar)
+    return found
+
+
+def table(cells: list[dict]) -> str:
+    """Return summaries as a Markdown table."""
+    head = [
+        "form, preset, basis", "runs", "departed", "collided", "other", "late height error, m: median",
+        "95 %", "max", "bar", "met", "updates: full / shorter / rejected", "most rejected in a flight",
+    ]  # fmt: skip
+    rows = []
+    for found in cells:
+        outcomes, late = found["outcomes"], found["late_height_error_m"]
+        other = found["runs"] - sum(outcomes.get(k, 0) for k in ("flown", "departed", "collision"))
+        steps = found["updates"]
+        rows.append(
+            [
+                Cell(found["form"], found["preset"], found["basis"]).title,
+                found["runs"],
+                outcomes.get("departed", 0),
+                outcomes.get("collision", 0),
+                other,
+                *(f"{late[key]:.2f}" if late else "-" for key in ("median", "p95", "max")),
+                found.get("bar_m", "-"),
+                {True: "yes", False: "**no**", None: "-"}[found.get("bar_met")],
+                f"{steps['full step']} / {steps['shorter step']} / "
+                f"{steps['old tail'] + steps['trim']}",
+                found["rejected_steps_max"],
+            ]
+        )
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=100, help="flights per cell (100)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--form", choices=FORMS, help="one command form only")
+    parser.add_argument("--preset", choices=PRESETS, help="one preset only")
+    parser.add_argument("--basis", choices=tuple(BASES), help="one basis only")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--quick", action="store_true", help="5 flights per cell")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the result here too")
+    chosen = parser.parse_args()
+    cells = [
+        Cell(*names)
+        for names in product(
+            (chosen.form,) if chosen.form else FORMS,
+            (chosen.preset,) if chosen.preset else PRESETS,
+            (chosen.basis,) if chosen.basis else BASES,
+        )
+    ]
+    runs = 5 if chosen.quick else chosen.runs
+    flown = study(cells, chosen.seed, runs, chosen.processes)
+    found = [summary(cell, flown[cell]) for cell in cells]
+    print(machine.line(), table(found), sep="\n\n")
+    if chosen.json:
+        result = {"seed": chosen.seed, "machine": machine.describe(), "cells": found}
+        chosen.json.write_text(json.dumps(result, indent=2) + "\n")
+    sys.exit(any(cell.get("bar_met") is False for cell in found))
+
+
+if __name__ == "__main__":
+    main()
