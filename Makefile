@@ -4,7 +4,7 @@
 PYTHON  ?= python3 python3.14 python3.13 python3.12 python3.11
 BIN     := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input
-LOCK     = $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --quiet \
+LOCK     = $(BIN)/uv pip compile --universal --python-version 3.11 --quiet \
            --generate-hashes --only-binary :all: --emit-build-options --no-annotate \
            --custom-compile-command 'make lock' $(UPGRADE)
 
@@ -48,9 +48,10 @@ bench: .venv/.ready  ## measure speed: the figures of benchmarks/README.md
 	@for script in benchmarks/*.py; do $(BIN)/python $$script || exit; done
 
 lock: .venv/pyvenv.cfg  ## write the locked versions again; UPGRADE=--upgrade moves them to the newest
+	@echo 'resolving for Python 3.11 and newer on every platform ...'
 	@$(INSTALL) uv
-	$(LOCK) --group build --group test --output-file requirements.txt
-	$(LOCK) --group lint --group viewers --constraint requirements.txt --output-file requirements-check.txt
+	@$(LOCK) pyproject.toml --group build --group test --output-file requirements.txt
+	@$(LOCK) --group lint --group viewers --constraint requirements.txt --output-file requirements-check.txt
 
 clean:  ## remove .venv and caches; recordings stay
 	rm -rf .venv .pytest_cache .hypothesis .ruff_cache .import_linter_cache

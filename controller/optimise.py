@@ -102,14 +102,14 @@ def quadratic_programme(
     Hard: actuators at every sample; attitude at every fourth. Soft: clearance over the sensed terrain.
     """
     weights = aim.weights
-    y0, S = response.nominal[rows], response.S[rows]
+    y0, S = response.nominal[rows], response.S
     station = target.tangent_north[:, None] * S[0] + target.tangent_east[:, None] * S[1]
-    altitude = S[2].copy()
-    S[2] -= target.slope[:, None] * station
+    tracked = S[:5].copy()
+    tracked[2] -= target.slope[:, None] * station
     wanted = np.stack([target.north, target.east, target.altitude, target.heading, target.speed])
     actuators, commands = aim.actuators[:, None], aim.commands
     terms = [
-        qp.Term(S[:5], y0[:5] - wanted, np.array(weights.Q)),
+        qp.Term(tracked, y0[:5] - wanted, np.array(weights.Q)),
         qp.Term(S[7:], y0[7:] - actuators, np.array(weights.R)),
         qp.Term(response.Phi, u0.T - commands, np.array(weights.Rc)),
     ]
@@ -121,7 +121,7 @@ def quadratic_programme(
     h, h_n, h_e = heights(aim.terrain_map, y0[0, chosen], y0[1, chosen])
     seen = np.isfinite(h)
     soft = qp.clearance(
-        np.stack([S[0, chosen], S[1, chosen], -altitude[chosen]])[:, seen],
+        np.stack([S[0, chosen], S[1, chosen], -S[2, chosen]])[:, seen],
         (y0[2, chosen] - h)[seen],
         h_n[seen],
         h_e[seen],
@@ -145,9 +145,9 @@ def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) 
         Acceleration bias, m/s2, NED.
     """
     model, rows = design.model, design.rows
-    response = identify(model, state, u0, design.Phi, design.amplitude, design.wind, bias)
+    response = identify(model, state, u0, design.Phi, design.amplitude, design.wind, bias, rows)
     Y0 = response.nominal
-    if not (response.valid and np.all(np.isfinite(Y0)) and np.all(np.isfinite(response.S))):
+    if not response.valid:
         return Pass(u0, Y0, np.inf, np.inf, np.inf, 0.0, 0.0, False, None)
     period = model.sample_period
     target = targets(aim.path, Y0[rows[0]], Y0[rows[1]], aim.near, period, aim.heading)

@@ -6,6 +6,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.jit import kernel
+
 Floats = NDArray[np.float64]
 
 
@@ -52,8 +54,9 @@ class PredictionModel(Protocol):
 class Response(NamedTuple):
     """The perturbation model y = y0 + S alpha (section II.D).
 
-    ``nominal`` (p, H); ``S`` (p, H, m), in the order of the channels and their functions;
-    ``Phi`` (4, H, m): the commands' own response, u = u0 + Phi alpha; ``valid``: the nominal is.
+    ``nominal`` (p, H) and ``S`` (r, H, m) of the outputs asked for, columns in the order of the
+    channels and their functions; ``Phi`` (4, H, m): the commands' own response, u = u0 + Phi alpha;
+    ``valid``: all rollouts were, and all is finite.
     """
 
     nominal: Floats
@@ -73,6 +76,20 @@ def stack_bases(bases: Sequence[Floats]) -> Floats:
     return Phi
 
 
+@kernel()
+def _differences(Y: Floats, rows: NDArray[np.int64], scale: Floats, S: Floats) -> bool:
+    """Write S[i, k, j] = (Y[row i, k, j + 1] - Y[row i, k, 0]) scale[j]; return whether finite."""
+    total = 0.0
+    for i in range(S.shape[0]):
+        for k in range(S.shape[1]):
+            nominal = Y[rows[i], k, 0]
+            for j in range(S.shape[2]):
+                S[i, k, j] = (Y[rows[i], k, j + 1] - nominal) * scale[j]
+                total += S[i, k, j]
+            total += nominal
+    return bool(np.isfinite(total))
+
+
 def identify(
     model: PredictionModel,
     state: Floats,
@@ -81,6 +98,7 @@ def identify(
     amplitude: Floats,
     wind: Floats,
     bias: Floats,
+    rows: NDArray[np.int64] | None = None,
 ) -> Response:
     """Identify S by one batch of perturbed rollouts, each basis function on each channel in turn.
 
@@ -100,11 +118,16 @@ def identify(
         Perturbation per channel, in its unit.
     wind, bias : (3,)
         Air velocity, m/s, and acceleration bias, m/s2.
+    rows : (r,), optional
+        Which of the model's outputs S is of; all by default.
     """
+    rows = np.arange(len(model.outputs)) if rows is None else rows
     delta = Phi * amplitude[:, None, None]
     commands = np.concatenate([u0[None], u0[None] + delta.transpose(2, 1, 0)])
     rollout = model.rollout(state, commands, wind, bias)
     Y = rollout.outputs.transpose(2, 1, 0)
     scale = 1.0 / (Phi.any(axis=1).T @ amplitude)
-    S = (Y[:, :, 1:] - Y[:, :, :1]) * scale
-    return Response(np.ascontiguousarray(Y[:, :, 0]), S, Phi, bool(rollout.valid.all()))
+    S = np.empty((len(rows), *Phi.shape[1:]))
+    finite = _differences(Y, rows, scale, S)
+    nominal = np.ascontiguousarray(Y[:, :, 0])
+    return Response(nominal, S, Phi, finite and bool(rollout.valid.all()))

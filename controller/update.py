@@ -101,11 +101,13 @@ def update(
         Samples until the next update.
     """
     period = task.model.sample_period
-    kept = replace(memory, expected=None)
+    nothing = replace(memory, expected=None), None, LADDER.index("old tail")
+    if not np.isfinite(state).all():
+        return nothing
     memory = replace(memory, bias=_bias(p, memory, _velocity(state, task.model.states)))
     begin, committed, on_the_way = _at_effect(task, p, memory, state, time, late)
     if not np.isfinite(begin).all():
-        return kept, None, LADDER.index("old tail")
+        return nothing
     memory = _carry_on(task, p, memory, state)
     H = _horizon(p, memory, period, late)
     aim = _aim(task, p, memory, begin, H)

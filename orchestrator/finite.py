@@ -24,10 +24,18 @@ def finiteness(ports: Mapping[str, Port]) -> Callable[[Mapping[str, Value]], boo
     scalars = [name for name in floats if not ports[name].shape]
     arrays = [name for name in floats if ports[name].shape]
 
+    found: dict[str, Any] = dict.fromkeys(arrays)  # arrays found finite; the same need no look
+
     def is_finite(values: Mapping[str, Value]) -> bool:
-        return isfinite(sum([cast(float, values[name]) for name in scalars])) and all(
-            np.isfinite(cast(Any, values[name])).all() for name in arrays
-        )
+        if not isfinite(sum([cast(float, values[name]) for name in scalars])):
+            return False
+        for name in arrays:
+            array = cast(Any, values[name])
+            if array is not found[name]:
+                if not np.isfinite(array).all():
+                    return False
+                found[name] = None if array.flags.writeable else array
+        return True
 
     return is_finite
 

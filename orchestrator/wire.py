@@ -85,10 +85,17 @@ def _packed(field: WireField) -> tuple[bytes, Callable[[NDArray[Any]], bytes]]:
     dtype = np.dtype(FIXED[field.kind][2])
     size = prod(field.shape) * dtype.itemsize
 
+    last: tuple[NDArray[Any] | None, bytes] = None, b""
+
     def values(array: NDArray[Any]) -> bytes:
+        nonlocal last
+        if array is last[0]:
+            return last[1]
         data = (array if array.dtype == dtype else array.astype(dtype)).tobytes()
         if len(data) != size:
             raise ValueError(f"{field.key}: shape, got {array.shape}, expected {field.shape}")
+        if not array.flags.writeable:  # the same array again has the same bytes
+            last = array, data
         return data
 
     return tag(field.number, LENGTH) + varint(size), values

@@ -64,10 +64,12 @@ def inflow(T, V_t2, V_c, p):
     v_h2 = T / (2.0 * p.rho * A)
     v_i = v_h2 / sqrt(V_t2 + V_c * V_c + v_h2 + 1e-9)
     for _ in range(4):
-        s = sqrt(V_t2 + (V_c + v_i) * (V_c + v_i) + 1e-9)
-        slope = s + v_i * (V_c + v_i) / s
-        slope = select(slope < 0.2 * s, 0.2 * s, slope)
-        v_i = v_i - (v_i * s - v_h2) / slope
+        through = V_c + v_i
+        s2 = V_t2 + through * through + 1e-9
+        s = sqrt(s2)
+        slope = s2 + v_i * through  # times s
+        slope = select(slope < 0.2 * s2, 0.2 * s2, slope)
+        v_i = v_i - (v_i * s - v_h2) * s / slope
         v_i = select(v_i < 0.0, 0.0, v_i)
     return v_i
 

@@ -13,8 +13,9 @@ from typing import Any
 import numba
 
 sqrt = math.sqrt
-# contract: multiply-adds fuse; error_model: no zero-division branch
-inline = numba.njit(forceinline=True, fastmath={"contract"}, error_model="numpy")
+# contract: multiply-adds fuse; arcp: division by a constant becomes multiplication;
+# error_model: no zero-division branch
+inline = numba.njit(forceinline=True, fastmath={"contract", "arcp"}, error_model="numpy")
 
 
 def sincos(x: float) -> tuple[float, float]:

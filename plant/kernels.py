@@ -9,7 +9,10 @@ plant's rollout needs a ``def`` of its own.
 
 import math
 
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
 from plant import dynamics, lanes, terrain
+from plant.dynamics import NO_GROUND
 from plant.elementary import COMPILED, compiled, inject, inline
 from plant.jit import kernel
 
@@ -52,8 +55,15 @@ def derivative_collective(x, u, wind, ground, bias, p):
 
 
 @kernel(error_model="numpy")
-def readings(x, u, wind, ground, p, collective):
-    """Return (thrust G, velocity NED m/s, actuators, load factor g) of a vehicle in flight."""
+def readings(state, command, wind, over_terrain, grid, p, collective):
+    """Return (clearance m, thrust G, velocity NED m/s, actuators, load factor g) of a vehicle.
+
+    The clearance is NaN where the terrain is not known.
+    """
+    x = to_fixed_tuple(state, 17)  # pyright: ignore[reportCallIssue]: numba passes one more
+    u = to_fixed_tuple(command, 4)  # pyright: ignore[reportCallIssue]
+    elevation = _height(grid, x[0], x[1]) if over_terrain else 0.0
+    ground = elevation if over_terrain and not math.isnan(elevation) else NO_GROUND
     if collective:
         rate = _derivative_collective(x, u, wind, ground, _STILL, p)
         thrust = _collective_thrust(x, u, wind, p)[0] / p.weight
@@ -62,10 +72,4 @@ def readings(x, u, wind, ground, p, collective):
         thrust = x[14]
     gravity = p.g * math.cos(x[6]) * math.cos(x[7])
     load = (gravity + x[10] * x[3] - x[9] * x[4] - rate[5]) / p.g
-    return thrust, rate[:3], _actuators(x, u, p), load
-
-
-@kernel(error_model="numpy")
-def height(grid, north, east):
-    """:func:`plant.terrain.height`, callable from Python."""
-    return _height(grid, north, east)
+    return -x[2] - elevation, thrust, rate[:3], _actuators(x, u, p), load

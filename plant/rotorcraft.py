@@ -29,6 +29,7 @@ COMMANDS: dict[CommandForm, tuple[str, ...]] = {
     "actuator": ("thrust", "pitch", "roll", "tail"),
     "attitude": ("thrust", "pitch", "roll", "heading"),
 }
+SAMPLE_PERIOD = 0.05  # s, over which a command is held
 SET_POINT_LIMIT = np.radians(50.0)  # of pitch and roll set-points
 
 _NO_TERRAIN = TerrainGrid(np.zeros((4, 4)), 0.0, 0.0, 1.0, 1.0)
@@ -121,12 +122,12 @@ class Rotorcraft(NamedTuple):
         valid = np.empty(lanes_used, dtype=np.bool_)
         kernel = kernels.roll_collective if self.collective else kernels.roll_thrust
         kernel(
-            np.ascontiguousarray(own),
-            np.ascontiguousarray(commands),
+            np.ascontiguousarray(own, dtype=np.float64),
+            np.ascontiguousarray(commands, dtype=np.float64),
             (float(wind[0]), float(wind[1]), float(wind[2])),
             (float(bias[0]), float(bias[1]), float(bias[2])),
             self.p,
-            0.05 / self.substeps,
+            SAMPLE_PERIOD / self.substeps,
             self.substeps,
             self.over_terrain,
             self.grid,

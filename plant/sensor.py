@@ -144,7 +144,7 @@ class TerrainSensor:
         values: dict[str, Any] = {}
         for name in names:
             if name in self._ring:
-                values[name] = self._ring[name].copy()
+                values[name] = self._ring[name]  # read-only, replaced at a delivery
             elif name in self._scalars:
                 values[name] = self._scalars[name]
             elif name in self._inputs:
@@ -186,12 +186,14 @@ class TerrainSensor:
             "scan.stamp": start_time,
             "scan.cell_size": self._parameters.cell_size_m,
         }
-        self._ring: dict[str, NDArray[Any]] = {
+        self._ring: dict[str, NDArray[Any]] = {  # read-only arrays: readers need no copy
             "scan.north": np.zeros(self._capacity),
             "scan.east": np.zeros(self._capacity),
             "scan.elevation": np.zeros(self._capacity),
             "scan.source": np.zeros(self._capacity, np.int64),
         }
+        for ring in self._ring.values():
+            ring.flags.writeable = False
 
     def _run(self, time: float) -> None:
         p = self._parameters
@@ -238,7 +240,10 @@ class TerrainSensor:
         count = int(self._scalars["scan.count"])
         index = (count + np.arange(burst.source.size)) % self._capacity
         for name, values in zip(_CELLS, (*burst.cells, burst.source), strict=True):
-            self._ring[name][index] = values
+            ring = self._ring[name].copy()  # readers hold the old one
+            ring[index] = values
+            ring.flags.writeable = False
+            self._ring[name] = ring
         self._scalars["scan.count"] = count + burst.source.size
         self._scalars["scan.sequence"] += 1
         self._scalars["scan.stamp"] = burst.stamp
