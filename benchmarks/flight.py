@@ -13,12 +13,12 @@ from time import process_time
 
 import machine
 
-from orchestrator.build import build
-from orchestrator.logbook import Logbook
-from orchestrator.recorder import Recorder
-from orchestrator.scenario import load
-from orchestrator.simulate import simulate
-from orchestrator.trace import Trace
+from orchestrator.assembly.build import build
+from orchestrator.figures.logbook import Logbook
+from orchestrator.figures.trace import Trace
+from orchestrator.recording.recorder import Recorder
+from orchestrator.run.simulate import simulate
+from orchestrator.scenario.load import load
 
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "jacksboro.yaml"
 CASES = {"5 Laguerre": ("laguerre", 5, 25.0), "10 tents": ("tent", 10, 40.0)}  # target, ms

@@ -17,9 +17,9 @@ import numpy as np
 import controller.mpc
 import controller.optimise
 import controller.update
-from orchestrator.build import build
-from orchestrator.scenario import load
-from orchestrator.simulate import simulate
+from orchestrator.assembly.build import build
+from orchestrator.run.simulate import simulate
+from orchestrator.scenario.load import load
 from plant import kernels, lanes
 from plant.helicopter import ModelParameters
 from plant.rotorcraft import rotorcraft

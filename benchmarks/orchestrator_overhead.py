@@ -15,10 +15,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from scripted import Row, describe
 
-from orchestrator.couple import couple
-from orchestrator.records import ComponentSpec, ConnectionSpec, Scenario
-from orchestrator.simulate import simulate
-from orchestrator.trace import Trace
+from orchestrator.assembly.couple import couple
+from orchestrator.figures.trace import Trace
+from orchestrator.run.simulate import simulate
+from orchestrator.scenario.records import ComponentSpec, ConnectionSpec, Scenario
 
 SECONDS, REPETITIONS = 1000, 7
 

@@ -91,7 +91,7 @@ def overrides(cell: Cell, seed: int, number: int) -> list[str]:
 
 def fly(cell: Cell, seed: int, number: int) -> Run:
     """Fly run ``number`` of a cell."""
-    from orchestrator.deviation import POSE, REFERENCE, VELOCITY, deviation
+    from orchestrator.figures.deviation import POSE, REFERENCE, VELOCITY, deviation
     from orchestrator.flight import fly as fly_scenario
 
     begin = process_time()

@@ -1,6 +1,6 @@
 """Draw a recorded flight: course over the terrain, height profile with the plans, height error.
 
-    python docs/picture.py jacksboro.mcap docs/flight.png
+python docs/picture.py jacksboro.mcap docs/flight.png
 """
 
 import sys
@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LightSource
 
-from orchestrator.recording import Recording
+from orchestrator.recording.reader import Recording
 from plant.terrain import Terrain, TerrainParameters
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
@@ -22,7 +22,7 @@ INK, FLOWN, PLANNED, GROUND = "#1b1b1e", "#0b6e99", "#e8a33d", "#8a7f6d"
 
 def draw(recording: Recording, terrain: Terrain, picture: Path) -> None:
     """Write the picture of a flight over a terrain."""
-    t, north = recording["vehicle.pose.north"]
+    _, north = recording["vehicle.pose.north"]
     east, altitude = recording["vehicle.pose.east"][1], -recording["vehicle.pose.down"][1]
     ground = altitude - recording["vehicle.clearance"][1]
     s = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(north), np.diff(east)))])
@@ -45,7 +45,9 @@ def draw(recording: Recording, terrain: Terrain, picture: Path) -> None:
     chart.plot(north, east, color="white", lw=3)
     chart.plot(north, east, color=FLOWN, lw=1.6)
     chart.set(xlabel="north (m)", ylabel="east (m)")
-    chart.set_title("Across the Jacksboro fault at 30 m/s, 10 m above ground", loc="left", color=INK)
+    chart.set_title(
+        "Across the Jacksboro fault at 30 m/s, 10 m above ground", loc="left", color=INK
+    )
 
     profile.fill_between(s, ground, ground.min() - 25, color=GROUND, lw=0, label="terrain")
     for k in range(0, len(path_n), 4):
@@ -57,12 +59,15 @@ def draw(recording: Recording, terrain: Terrain, picture: Path) -> None:
         profile.plot(along[inside], -path_d[k][inside], color=PLANNED, lw=0.8, alpha=0.8,
                      label="plans, every 2 s" if k == 0 else None)  # fmt: skip
     profile.plot(s, altitude, color=FLOWN, lw=1.6, label="flown")
-    profile.set(ylabel="altitude (m)", xlim=(0, s[-1]), ylim=(ground.min() - 25, altitude.max() + 25))
+    profile.set(
+        ylabel="altitude (m)", xlim=(0, s[-1]), ylim=(ground.min() - 25, altitude.max() + 25)
+    )
     profile.legend(frameon=False, ncols=3, loc="lower left")
 
     error.plot(s, recording["vehicle.clearance"][1], color=FLOWN, lw=1.2)
     error.axhline(10.0, color=INK, lw=0.7, ls=":")
-    error.set(xlabel="distance flown (m)", ylabel="height above\nground (m)", xlim=(0, s[-1]), ylim=(9, 11))
+    error.set(xlabel="distance flown (m)", ylabel="height above\nground (m)")
+    error.set(xlim=(0, s[-1]), ylim=(9, 11))
     for axes in (chart, profile, error):
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(picture, dpi=110)

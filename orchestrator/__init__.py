@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from orchestrator.errors import ScenarioError
     from orchestrator.flight import Flight, fly
-    from orchestrator.scenario import load
+    from orchestrator.scenario.load import load
 
 __all__ = ["Flight", "ScenarioError", "fly", "load"]
 
-_HOME = {"Flight": "flight", "ScenarioError": "errors", "fly": "flight", "load": "scenario"}
+_HOME = {"Flight": "flight", "ScenarioError": "errors", "fly": "flight", "load": "scenario.load"}
 
 
 def __getattr__(name: str) -> object:

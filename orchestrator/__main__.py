@@ -19,8 +19,8 @@ from cyclopts import App, CycloptsError, Parameter
 from orchestrator.errors import Problem, ScenarioError
 
 if TYPE_CHECKING:
+    from orchestrator.assembly.system import System
     from orchestrator.flight import Flight
-    from orchestrator.system import System
 
 # heavy imports happen inside the commands: `hedgehop --help` must answer at once
 
@@ -110,8 +110,8 @@ def run(
     json
         Print one JSON object instead of the table.
     """
+    from orchestrator.command.terminal import progress_bar, signals
     from orchestrator.flight import check_writable, fly_system
-    from orchestrator.terminal import progress_bar, signals
 
     file = (out or Path(f"{scenario.stem}.mcap")) if record else None
     if file is not None:
@@ -135,16 +135,16 @@ def _report(system: "System", flight: "Flight", *, as_json: bool) -> None:
         recording = None if flight.recording is None else str(flight.recording)
         print(dumps({**flight.metrics, "recording": recording}, allow_nan=False))
     else:
-        from orchestrator.tables import flight_table
-        from orchestrator.terminal import print_table
+        from orchestrator.command.tables import flight_table
+        from orchestrator.command.terminal import print_table
 
         print_table(system.scenario.title, flight_table(flight.metrics, flight.recording))
 
 
 def _built(scenario: Path, overrides: list[str] | None) -> "System":
-    from orchestrator.build import build
-    from orchestrator.scenario import load
-    from orchestrator.terminal import announce
+    from orchestrator.assembly.build import build
+    from orchestrator.command.terminal import announce
+    from orchestrator.scenario.load import load
 
     loaded = load(scenario, overrides or ())
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hedgehop"
@@ -175,9 +175,9 @@ def list_() -> None:
     """List the installed components."""
     from inspect import getdoc
 
-    from orchestrator.discovery import installed_components, resolve
-    from orchestrator.tables import components_table
-    from orchestrator.terminal import print_table
+    from orchestrator.assembly.discovery import installed_components, resolve
+    from orchestrator.command.tables import components_table
+    from orchestrator.command.terminal import print_table
 
     rows: list[tuple[str, str, str]] = []
     for name, point in installed_components().items():
@@ -200,11 +200,11 @@ def inspect(use: str, /, *, scenario: Path | None = None) -> None:
     scenario
         A scenario that holds one, where its defaults are not enough to make one.
     """
-    from orchestrator.description import ports
-    from orchestrator.examples import example, find
-    from orchestrator.parameters import adapter, constructor
-    from orchestrator.tables import parameters_table, variables_table
-    from orchestrator.terminal import print_table
+    from orchestrator.assembly.description import ports
+    from orchestrator.assembly.examples import example, find
+    from orchestrator.assembly.parameters import adapter, constructor
+    from orchestrator.command.tables import parameters_table, variables_table
+    from orchestrator.command.terminal import print_table
 
     with _user_errors():
         factory = find(use)
@@ -229,8 +229,8 @@ def check(use: str, /, *, scenario: Path | None = None) -> int:
     scenario
         A scenario that holds one, where its defaults are not enough to make one.
     """
-    from orchestrator.check import check_component
-    from orchestrator.examples import example, find
+    from orchestrator.assembly.examples import example, find
+    from orchestrator.conformance.check import check_component
 
     with _user_errors():
         factory = find(use)
@@ -247,7 +247,7 @@ def schema() -> None:
     """Print the JSON Schema of scenario files, for editors."""
     from json import dumps
 
-    from orchestrator.scenario import json_schema
+    from orchestrator.scenario.load import json_schema
 
     print(dumps(json_schema(), indent=2))
 
@@ -263,9 +263,9 @@ def info(recording: Path, /, *, json: Json = False) -> None:
     json
         Print one JSON object instead of the table.
     """
-    from orchestrator import diff as differences
-    from orchestrator.tables import recording_table
-    from orchestrator.terminal import print_table
+    from orchestrator.command.tables import recording_table
+    from orchestrator.command.terminal import print_table
+    from orchestrator.recording import diff as differences
 
     with _user_errors():
         found = differences.info(recording)
@@ -286,7 +286,7 @@ def diff(a: Path, b: Path, /) -> int:
     a, b
         MCAP files.
     """
-    from orchestrator import diff as differences
+    from orchestrator.recording import diff as differences
 
     with _user_errors():
         found = differences.diff(a, b)
@@ -316,8 +316,8 @@ def metrics(recording: Path, /, *, json: Json = False) -> None:
 
         print(dumps({**figures, "recording": str(recording)}, allow_nan=False))
     else:
-        from orchestrator.tables import flight_table
-        from orchestrator.terminal import print_table
+        from orchestrator.command.tables import flight_table
+        from orchestrator.command.terminal import print_table
 
         print_table(recording.stem, flight_table(figures, recording))
 

@@ -6,18 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from orchestrator.build import build
+from orchestrator.assembly.build import build
+from orchestrator.assembly.system import System
 from orchestrator.errors import Problem, ScenarioError
+from orchestrator.figures.logbook import Logbook
+from orchestrator.figures.metrics import flight_metrics
+from orchestrator.figures.trace import Trace
 from orchestrator.listener import Listener, Result
-from orchestrator.logbook import Logbook
-from orchestrator.marks import located
-from orchestrator.metrics import flight_metrics
-from orchestrator.recorder import Recorder
-from orchestrator.recording import Recording
-from orchestrator.scenario import load
-from orchestrator.simulate import simulate
-from orchestrator.system import System
-from orchestrator.trace import Trace
+from orchestrator.recording.reader import Recording
+from orchestrator.recording.recorder import Recorder
+from orchestrator.run.simulate import simulate
+from orchestrator.scenario.load import load
+from orchestrator.scenario.marks import located
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Flight:
     result : Result
         How it ended.
     metrics : mapping
-        Its figures; see :func:`orchestrator.metrics.flight_metrics`.
+        Its figures; see :func:`orchestrator.figures.metrics.flight_metrics`.
     trace : Trace
         Every output over time: ``trace["vehicle.clearance"]`` is times and values.
     recording : Path or None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from orchestrator.component import Value
 
 if TYPE_CHECKING:
-    from orchestrator.system import System
+    from orchestrator.assembly.system import System
 
 
 @dataclass(frozen=True)

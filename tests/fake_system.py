@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from orchestrator.description import Port
+from orchestrator.assembly.description import Port
+from orchestrator.assembly.system import Schedule, System
+from orchestrator.assembly.units import Unit
 from orchestrator.listener import Result
-from orchestrator.records import RecordingSpec, ResourceSpec, Scenario
-from orchestrator.system import Schedule, System
-from orchestrator.units import Unit
+from orchestrator.scenario.records import RecordingSpec, ResourceSpec, Scenario
 
 TICK_NS = 50_000_000
 POSITION, ANGLES = ("north", "east", "down"), ("phi", "theta", "psi")

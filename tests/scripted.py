@@ -8,8 +8,8 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from orchestrator.couple import couple
-from orchestrator.records import ComponentSpec, ConnectionSpec, Scenario
+from orchestrator.assembly.couple import couple
+from orchestrator.scenario.records import ComponentSpec, ConnectionSpec, Scenario
 
 UNITS = {  # name: kg, m, s, rad, factor, offset
     "1": (0, 0, 0, 0, 1.0, 0.0),

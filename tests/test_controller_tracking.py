@@ -198,7 +198,7 @@ def test_attitude_beyond_the_limit_costs_ten_thousand_per_radian():
 
 def programme(path, terrain_map, state, u0, Phi=PHI, **weights):
     """Return the QP about a nominal of the linear model, with its response, target and aim."""
-    response = identify(LINEAR, state, u0, Phi, np.ones(4), CALM, CALM)
+    response = identify(LINEAR, state, u0, Phi, np.ones(4), CALM, CALM, ROWS)
     aim = aim_at(path, terrain_map, LINEAR, H, **weights)
     target = targets(path, *response.nominal[:2], aim.near, T, aim.heading)
     data = quadratic_programme(response, ROWS, u0, aim, target, LINEAR)

@@ -7,13 +7,13 @@ from threading import Event
 import pytest
 from small_components import GROUND, SCENARIO, Glider, Pilot
 
-from orchestrator import build as building
-from orchestrator.build import build, make, specification_hash
-from orchestrator.discovery import resolve
+from orchestrator.assembly import build as building
+from orchestrator.assembly.build import build, make, specification_hash
+from orchestrator.assembly.discovery import resolve
+from orchestrator.assembly.parameters import constructor
+from orchestrator.assembly.plans import Plan, make_plans
 from orchestrator.errors import ScenarioError
-from orchestrator.parameters import constructor
-from orchestrator.plans import Plan, make_plans
-from orchestrator.scenario import load
+from orchestrator.scenario.load import load
 
 
 @pytest.fixture(autouse=True)
@@ -379,7 +379,7 @@ def test_field_names_cannot_hide_pydantics_own():
         copy: int = 1
         schema: int = 2
 
-    from orchestrator.parameters import adapter
+    from orchestrator.assembly.parameters import adapter
 
     assert adapter(Parameters).validate_json('{"copy": 3}') == Parameters(3, 2)
 

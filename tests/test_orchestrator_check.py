@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scripted import Row, Scripted, counter, gain, integrator, make_restorable
 
-from orchestrator.check import CONTRACT, check_component
+from orchestrator.conformance.check import CONTRACT, check_component
 
 
 def verdicts(factory, **more):

@@ -5,10 +5,10 @@ import logging
 import pytest
 from scripted import Row, describe
 
-from orchestrator.connections import connect, conversions
-from orchestrator.description import ports
+from orchestrator.assembly.connections import connect, conversions
+from orchestrator.assembly.description import ports
 from orchestrator.errors import ScenarioError
-from orchestrator.records import ConnectionSpec
+from orchestrator.scenario.records import ConnectionSpec
 
 PLANT = [
     Row("command.thrust", "input"),
@@ -70,7 +70,7 @@ def test_groups_join_by_name():
 
 def test_units_of_one_dimension_are_converted(caplog):
     """Another unit of the same dimension gives factor and offset, and a line in the log."""
-    with caplog.at_level(logging.INFO, "orchestrator.connections"):
+    with caplog.at_level(logging.INFO, "orchestrator.assembly.connections"):
         joined = links("vehicle.far -> mpc.height", "vehicle.state.theta -> mpc.state.theta")
     assert [link.factor for link in joined] == [1000.0, pytest.approx(57.29577951308232)]
     assert conversions(joined)[0] == (
@@ -82,7 +82,7 @@ def test_units_of_one_dimension_are_converted(caplog):
 
 def test_unconnected_inputs_are_named_for_debugging(caplog):
     """An input without connection keeps its start value; only the debug log says so."""
-    with caplog.at_level(logging.DEBUG, "orchestrator.connections"):
+    with caplog.at_level(logging.DEBUG, "orchestrator.assembly.connections"):
         links("vehicle.state.u -> mpc.height")
     lines = [record.getMessage() for record in caplog.records]
     assert "vehicle.command.thrust: nothing is connected, keeps its start value 0.0" in lines

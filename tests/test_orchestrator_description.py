@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scripted import Row, describe
 
-from orchestrator.description import members, mismatch, ports
+from orchestrator.assembly.description import members, mismatch, ports
 from orchestrator.errors import CouplingError
 
 ROWS = [

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from fake_system import TICK_NS, flight, helicopter, make_system, port, tell
 
-from orchestrator.diff import Difference, diff, info
 from orchestrator.listener import Result
-from orchestrator.recorder import Recorder
+from orchestrator.recording.diff import Difference, diff, info
+from orchestrator.recording.recorder import Recorder
 
 SYSTEM = helicopter(cells=5, capacity=4, posts=3, wall_clock=True)
 

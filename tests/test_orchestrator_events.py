@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scripted import Row, Scripted, clock, gain, integrator, system
 
-from orchestrator.description import Port
+from orchestrator.assembly.description import Port
 from orchestrator.errors import ScenarioError
-from orchestrator.events import parsed
-from orchestrator.records import EventSpec
-from orchestrator.simulate import simulate
-from orchestrator.trace import Trace
+from orchestrator.figures.trace import Trace
+from orchestrator.run.events import parsed
+from orchestrator.run.simulate import simulate
+from orchestrator.scenario.records import EventSpec
 
 ROWS = [
     Row("u", "input"),

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.frames import ned_to_enu, orientation
+from orchestrator.recording.frames import ned_to_enu, orientation
 
 ANGLES = st.floats(-10, 10)
 NED_TO_ENU = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])

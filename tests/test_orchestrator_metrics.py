@@ -6,14 +6,14 @@ from fake_system import LADDER, SCENE, flight, helicopter, tell
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.deviation import deviation, held, project
+from orchestrator.figures.deviation import deviation, held, project
+from orchestrator.figures.logbook import Logbook
+from orchestrator.figures.metrics import flight_metrics
+from orchestrator.figures.trace import Trace
 from orchestrator.flight import recording_metrics
 from orchestrator.listener import Result
-from orchestrator.logbook import Logbook
-from orchestrator.messages import Signal
-from orchestrator.metrics import flight_metrics
-from orchestrator.recorder import Recorder
-from orchestrator.trace import Trace
+from orchestrator.recording.messages import Signal
+from orchestrator.recording.recorder import Recorder
 
 TIME = np.arange(0, 10.001, 0.05)
 N = len(TIME)

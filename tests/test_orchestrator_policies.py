@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scripted import Row, Scripted, clock, gain, system
 
-from orchestrator import participant
 from orchestrator.component import Status
 from orchestrator.errors import ScenarioError
-from orchestrator.policies import MOST_HALVINGS
-from orchestrator.simulate import simulate
-from orchestrator.trace import Trace
+from orchestrator.figures.trace import Trace
+from orchestrator.run import participant
+from orchestrator.run.policies import MOST_HALVINGS
+from orchestrator.run.simulate import simulate
 
 
 def faulty(fault, kind="sampled", rate_hz=20.0, **more):

@@ -15,12 +15,12 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from orchestrator import recorder
+from orchestrator.assembly.system import Link
 from orchestrator.listener import Result
-from orchestrator.provenance import EPOCH_NS
-from orchestrator.recorder import Recorder
-from orchestrator.records import ComponentSpec, EventSpec
-from orchestrator.system import Link
+from orchestrator.recording import recorder
+from orchestrator.recording.provenance import EPOCH_NS
+from orchestrator.recording.recorder import Recorder
+from orchestrator.scenario.records import ComponentSpec, EventSpec
 
 SYSTEM = helicopter(cells=20, capacity=8, posts=5, wall_clock=True)
 CALLS = flight(SYSTEM, 3.0)

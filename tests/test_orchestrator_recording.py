@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from orchestrator.figures.trace import Trace
 from orchestrator.listener import Result
-from orchestrator.recorder import Recorder
-from orchestrator.recording import Event, Recording
-from orchestrator.records import EventSpec
-from orchestrator.scenario import load
-from orchestrator.trace import Trace
+from orchestrator.recording.reader import Event, Recording
+from orchestrator.recording.recorder import Recorder
+from orchestrator.scenario.load import load
+from orchestrator.scenario.records import EventSpec
 
 SYSTEM = helicopter(cells=20, capacity=8, posts=5, wall_clock=True)
 CALLS = flight(SYSTEM, 2.0)

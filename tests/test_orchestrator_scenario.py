@@ -6,8 +6,8 @@ import pytest
 from small_components import SCENARIO
 
 from orchestrator.errors import ScenarioError
-from orchestrator.records import ComponentSpec, ConnectionSpec, EventSpec, ResourceSpec
-from orchestrator.scenario import json_schema, load
+from orchestrator.scenario.load import json_schema, load
+from orchestrator.scenario.records import ComponentSpec, ConnectionSpec, EventSpec, ResourceSpec
 
 MINIMAL = "title: a\nduration_s: 1\ncomponents: {c: {use: m:C}}\n"
 

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scripted import Row, Scripted, clock, counter, gain, integrator, system
 
-from orchestrator.clock import nanoseconds, period_ns, whole_ticks
-from orchestrator.couple import couple
+from orchestrator.assembly.clock import nanoseconds, period_ns, whole_ticks
+from orchestrator.assembly.couple import couple
+from orchestrator.assembly.schedule import instants
 from orchestrator.errors import ScenarioError
-from orchestrator.records import ComponentSpec, Scenario
-from orchestrator.schedule import instants
+from orchestrator.scenario.records import ComponentSpec, Scenario
 
 usable_rates = st.sampled_from([0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 8.0, 10.0, 12.5, 16.0, 20.0, 25.0])
 

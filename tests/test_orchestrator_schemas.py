@@ -9,9 +9,9 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.descriptors import identifier, message_class
-from orchestrator.schemas import channel, channels, variable_name
-from orchestrator.wire import encoder, partial_encoder, timestamp, varint
+from orchestrator.recording.descriptors import identifier, message_class
+from orchestrator.recording.schemas import channel, channels, variable_name
+from orchestrator.recording.wire import encoder, partial_encoder, timestamp, varint
 
 NAMES = st.lists(
     st.text(st.sampled_from("ab_.[]()1Z é"), min_size=1, max_size=6), min_size=1, unique=True

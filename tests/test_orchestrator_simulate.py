@@ -10,10 +10,10 @@ from scripted import RandomWalk, Row, Scripted, clock, counter, gain, integrator
 
 from orchestrator.component import Status
 from orchestrator.errors import CouplingError, ScenarioError
-from orchestrator.initialize import component_seed
-from orchestrator.records import EventSpec
-from orchestrator.simulate import simulate
-from orchestrator.trace import Trace
+from orchestrator.figures.trace import Trace
+from orchestrator.run.initialize import component_seed
+from orchestrator.run.simulate import simulate
+from orchestrator.scenario.records import EventSpec
 
 
 def fly(*arguments, **keys):

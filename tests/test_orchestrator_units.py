@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scripted import describe
 
-from orchestrator.units import Unit, conversion, units
+from orchestrator.assembly.units import Unit, conversion, units
 
 LENGTH = (0, 1, 0, 0, 0, 0, 0, 0)
 TEMPERATURE = (0, 0, 0, 0, 1, 0, 0, 0)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.layers import MAX_EXTENDS, override, read
-from orchestrator.marks import Fault, Mark, Origins
-from orchestrator.yaml_source import MAX_NESTING, dump, parse
+from orchestrator.scenario.layers import MAX_EXTENDS, override, read
+from orchestrator.scenario.marks import Fault, Mark, Origins
+from orchestrator.scenario.yaml_source import MAX_NESTING, dump, parse
 
 
 def parsed(text):

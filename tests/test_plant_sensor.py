@@ -262,6 +262,7 @@ def test_a_ring_once_got_never_changes(hills):
     assert not np.array_equal(sensor.get(["scan.north"])["scan.north"], before)
     np.testing.assert_array_equal(first, before)
 
+
 def test_description(hills):
     """The description is valid FMI 3; the ring's shape and type and the feed-through are in it."""
     sensor = TerrainSensor(TerrainSensorParameters(), terrain=hills)
@@ -288,6 +289,8 @@ def test_errors(hills):
     with pytest.raises(ValueError, match=r"sensor.latency_max_s: too small, got 0.1 s"):
         TerrainSensorParameters(latency_min_s=0.2)
     with pytest.raises(ValueError, match=r"sensor.scan_capacity: too small .* got 2000 cells"):
-        TerrainSensor(TerrainSensorParameters(scan_capacity=2000, mean_interval_s=0.1), terrain=hills)
+        TerrainSensor(
+            TerrainSensorParameters(scan_capacity=2000, mean_interval_s=0.1), terrain=hills
+        )
     with pytest.raises(ValueError, match=r"sensor.cell_size_m: too many cells in a burst"):
         TerrainSensor(TerrainSensorParameters(cell_size_m=0.5), terrain=hills)

@@ -21,7 +21,7 @@ def test_the_flight(monkeypatch, capsys):
 
 def test_the_component(monkeypatch, tmp_path):
     """The component of the README keeps every clause of the contract."""
-    from orchestrator.check import check_component
+    from orchestrator.conformance.check import check_component
 
     (tmp_path / "readme_lag.py").write_text(BLOCKS[1], encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -47,7 +47,7 @@ def test_every_parameter_is_documented():
 
     from controller.parameters import MpcParameters
     from controller.sequencer import SequencerParameters
-    from orchestrator.scenario import json_schema
+    from orchestrator.scenario.load import json_schema
     from plant.gust import DrydenGustParameters
     from plant.helicopter import HelicopterParameters, ModelParameters, Perturbation
     from plant.sensor import TerrainSensorParameters

@@ -1,0 +1,101 @@
+"""Make a system of components: describe, connect, schedule; every problem is reported at once."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+from orchestrator.assembly.connections import Ports, connect, conversions, find
+from orchestrator.assembly.description import Port, ports
+from orchestrator.assembly.schedule import compile_schedule
+from orchestrator.assembly.system import System
+from orchestrator.component import INTERFACE, Component, Instance
+from orchestrator.errors import CouplingError, Problem, ScenarioError
+from orchestrator.run.events import changes
+from orchestrator.scenario.records import ComponentSpec, Scenario
+
+Made = TypeVar("Made")
+
+
+def couple(
+    scenario: Scenario, components: Mapping[str, Component], *, max_steps: int = 10_000_000
+) -> System:
+    """Return the system of a scenario's components, which are given by name and not initialized.
+
+    Raises
+    ------
+    KeyError
+        If a component of the scenario is not given.
+    ScenarioError
+        With every problem found: descriptions, connections, events, policies, times, cycles.
+    """
+    problems: list[Problem] = []
+
+    def attempt(make: Callable[[], Made]) -> Made | None:
+        try:
+            return make()
+        except ScenarioError as error:
+            problems.extend(error.problems)
+            return None
+
+    instances = {s.name: Instance(s.name, components[s.name]) for s in scenario.components}
+    described: dict[str, dict[str, Port]] = {}
+    for spec in scenario.components:
+        try:
+            described[spec.name] = ports(spec.name, instances[spec.name].description)
+            _check(spec, instances[spec.name])
+        except CouplingError as error:
+            problems.append(Problem(("components", spec.name), str(error)))
+    if problems:
+        raise ScenarioError(problems)
+    executions = {name: instance.component.execution for name, instance in instances.items()}
+    links = attempt(lambda: connect(described, scenario.connections))
+    timed = scenario if links is not None else replace(scenario, connections=())
+    schedule = attempt(
+        lambda: compile_schedule(timed, executions, described, links or (), max_steps=max_steps)
+    )
+    attempt(lambda: changes(scenario.events, described, links or (), schedule))
+    attempt(lambda: _check_end(scenario, described))
+    if problems or links is None or schedule is None:
+        raise ScenarioError(problems)
+    return System(instances, described, schedule, links, scenario, conversions(links))
+
+
+def _check(spec: ComponentSpec, instance: Instance) -> None:
+    """Refuse an execution or a policy that the component cannot keep."""
+    execution = instance.component.execution
+    start = f"component {spec.name!r}: "
+    if execution.interface != INTERFACE:
+        raise CouplingError(
+            f"{start}other version of the contract, got {execution.interface}, expected {INTERFACE}"
+        )
+    if execution.kind not in ("continuous", "sampled"):
+        raise CouplingError(
+            f"{start}unknown execution, got {execution.kind!r}, expected 'continuous' or 'sampled'"
+        )
+    if spec.on_discard == "retry":
+        co_simulation = instance.description.coSimulation
+        is_variable = (
+            co_simulation is not None and co_simulation.canHandleVariableCommunicationStepSize
+        )
+        if not (is_variable and instance.is_restorable and execution.kind == "continuous"):
+            raise CouplingError(
+                f"{start}on_discard 'retry' is not possible, expected a continuous component that "
+                "advertises canHandleVariableCommunicationStepSize and canSerializeFMUstate"
+            )
+
+
+def _check_end(scenario: Scenario, ports: Ports) -> None:
+    """Refuse an ``end_on`` that is not an enumeration output."""
+    problems: list[Problem] = []
+    for index, path in enumerate(scenario.end_on):
+        try:
+            port = find(ports, path)[1].get("")
+        except ValueError as error:
+            problems.append(Problem(("end_on", index), f"end_on {path}: {error}"))
+            continue
+        if port is None or port.causality != "output" or not port.items or port.shape:
+            got = "a group" if port is None else f"{port.causality} of type {port.type}"
+            message = f"end_on {path}: got {got}, expected an enumeration output"
+            problems.append(Problem(("end_on", index), message))
+    if problems:
+        raise ScenarioError(problems)

@@ -1,0 +1,146 @@
+"""Plan how to make a scenario's resources and components, before any of them is made.
+
+``${name}`` as a parameter's value is a resource, passed to the constructor's argument of that name;
+everything else goes into the parameter dataclass.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+from orchestrator.assembly.discovery import Factory, resolve
+from orchestrator.assembly.parameters import Constructor, adapter, constructor
+from orchestrator.errors import nearest
+from orchestrator.scenario.load import installed
+from orchestrator.scenario.marks import Fault, KeyPath, Mark, Node, Origins, dotted, scenario_error
+from orchestrator.scenario.records import ComponentSpec, ResourceSpec, Scenario
+from orchestrator.scenario.validation import validate
+
+REFERENCE = re.compile(r"\$\{([^}]*)\}")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A checked call that makes one resource or component.
+
+    Attributes
+    ----------
+    path : tuple
+        ``("components", "mpc")``.
+    arguments : mapping
+        The parameter dataclass, as ``parameters``, and ``latency_s``, where they are taken.
+    resources : mapping
+        Argument to the name of the resource to inject.
+    """
+
+    path: KeyPath
+    factory: Factory
+    arguments: Mapping[str, Any]
+    resources: Mapping[str, str]
+
+    @property
+    def needs(self) -> list[KeyPath]:
+        """Paths of the resources."""
+        return [("resources", name) for name in self.resources.values()]
+
+
+def make_plans(scenario: Scenario) -> list[Plan]:
+    """Return the plans of all resources and components, in the order of making.
+
+    Raises
+    ------
+    ScenarioError
+        With everything wrong in ``use`` and ``parameters``.
+    """
+    origins = scenario.origins
+    root = origins.root if isinstance(origins, Origins) else Node({}, Mark("scenario"))
+    faults: list[Fault] = []
+    names = [spec.name for spec in scenario.resources]
+    folders = (scenario.folder, Path(), installed())
+    specs = (*scenario.resources, *scenario.components)
+    made = [_plan(spec, names, folders, root, faults) for spec in specs]
+    plans = {plan.path: plan for plan in made if plan is not None}
+    try:
+        order = list(
+            TopologicalSorter({path: plan.needs for path, plan in plans.items()}).static_order()
+        )
+    except CycleError as error:
+        cycle: list[KeyPath] = error.args[1]
+        what = (
+            f"resources: a cycle, got {' -> '.join(str(path[1]) for path in cycle)}, expected none"
+        )
+        faults.append(Fault(root.place(cycle[0]), what, cycle[0]))
+        order = []
+    if faults:
+        raise scenario_error(faults)
+    return [plans[path] for path in order]
+
+
+def _plan(
+    spec: ResourceSpec | ComponentSpec,
+    resources: Sequence[str],
+    folders: tuple[Path, ...],
+    root: Node,
+    faults: list[Fault],
+) -> Plan | None:
+    """Return the plan of one resource or component; what is wrong is appended to ``faults``."""
+    is_component = isinstance(spec, ComponentSpec)
+    path: KeyPath = ("components" if is_component else "resources", spec.name)
+    try:
+        factory = resolve(spec.use, folders[0])
+        takes = constructor(factory)
+    except ValueError as error:
+        where = (*path, "use")
+        faults.append(Fault(root.place(where), f"{dotted(where)}: {error}", where))
+        return None
+    injected = {
+        key: match[1]
+        for key, value in spec.parameters.items()
+        if isinstance(value, str) and (match := REFERENCE.fullmatch(value))
+    }
+    where = (*path, "parameters")
+    for key, what in _wrong_injections(spec, takes, injected, resources).items():
+        full = (*where, key)
+        faults.append(Fault(root.place(full), f"{dotted(full)}: {what}", full))
+    arguments: dict[str, Any] = {}
+    if is_component and "latency_s" in takes.injected:
+        arguments["latency_s"] = spec.latency_s
+    plain = {k: v for k, v in spec.parameters.items() if k not in {**injected, **takes.injected}}
+    if takes.record is not None:
+        arguments["parameters"] = validate(
+            adapter(takes.record), plain, faults, root, where, {"folders": folders}
+        )
+    else:
+        for key in plain:
+            full = (*where, key)
+            what = f"{dotted(full)}: unknown key, got {key!r}, expected no parameters"
+            faults.append(Fault(root.place_of_key(full), what, full))
+    return Plan(path, factory, arguments, injected)
+
+
+def _wrong_injections(
+    spec: ResourceSpec | ComponentSpec,
+    takes: Constructor,
+    injected: Mapping[str, str],
+    resources: Sequence[str],
+) -> dict[str, str]:
+    """Return what is wrong with the resources a constructor is given, by argument."""
+    wrong: dict[str, str] = {}
+    accepted = [name for name in takes.injected if name != "latency_s"]
+    for key, name in injected.items():
+        if key not in accepted:
+            near = nearest(key, accepted) or f", expected one of {accepted}" if accepted else ""
+            wrong[key] = f"takes no resource, got '${{{name}}}'{near}"
+        elif name not in resources:
+            near = nearest(name, resources) or f", expected one of {list(resources)}"
+            wrong[key] = f"no resource {name!r}{near}"
+    for key in accepted:
+        example = f"'${{{key if key in resources else 'name'}}}'"
+        if key in spec.parameters and key not in injected:
+            wrong[key] = f"not a resource, got {spec.parameters[key]!r}, expected {example}"
+        elif takes.injected[key] and key not in injected:
+            wrong[key] = f"missing, expected a resource, as {example}"
+    return wrong

@@ -1,0 +1,123 @@
+"""What the command line prints, as rich tables."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from orchestrator.assembly.description import Port
+from orchestrator.component import Value
+from orchestrator.scenario.wording import expected, keys, show, unit_of
+
+FIGURES = {  # metric: what the closing table calls it, format
+    "clearance_min_m": ("minimum clearance", "{:.2f} m"),
+    "height_rms_m": ("height error, RMS", "{:.3f} m"),
+    "height_p95_m": ("height error, 95 %", "{:.3f} m"),
+    "agl_rms_m": ("height above ground error, RMS", "{:.3f} m"),
+    "cross_track_rms_m": ("cross-track error, RMS", "{:.3f} m"),
+    "speed_rms_mps": ("speed error, RMS", "{:.3f} m/s"),
+    "heading_max_deg": ("heading deviation, largest", "{:.1f} deg"),
+    "load_factor_min": ("load factor, least", "{:.2f} G"),
+    "load_factor_max": ("load factor, largest", "{:.2f} G"),
+    "saturation_percent": ("control saturation", "{:.1f} %"),
+    "update_ms_median": ("update time, median", "{:.2f} ms"),
+    "update_ms_p99": ("update time, 99 %", "{:.2f} ms"),
+    "deadline_misses": ("deadline misses", "{}"),
+    "cpu_ms_per_simulated_s": ("CPU per simulated second", "{:.1f} ms"),
+}
+
+
+def flight_table(metrics: Mapping[str, Any], recording: Path | None) -> Table:
+    """Return the closing table of a run; figures without a source are left out."""
+    table = _table()
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    outcome = f"{metrics['outcome']} after {metrics['duration_s']:g} s"
+    table.add_row("outcome", outcome)
+    if metrics["reason"]:
+        table.add_row("reason", metrics["reason"])
+    for name, (text, form) in FIGURES.items():
+        if metrics.get(name) is not None:
+            table.add_row(text, form.format(metrics[name]))
+    for rung, count in (metrics.get("ladder") or {}).items():
+        table.add_row(f"ladder: {rung}", f"{count}")
+    if recording is not None:
+        table.add_row("recording", f"{recording}, {recording.stat().st_size / 1e6:.3g} MB")
+    return table
+
+
+def variables_table(ports: Iterable[Port]) -> Table:
+    """Return a component's variables."""
+    table = _table()
+    for heading in ("name", "causality", "type", "shape", "unit", "start", "meaning"):
+        table.add_column(heading, overflow="fold")
+    for port in ports:
+        if port.causality in ("input", "output") or port.variability == "tunable":
+            shape = " x ".join(map(str, port.shape))
+            items = ", ".join(port.items.values())
+            table.add_row(
+                port.name,
+                port.causality,
+                port.type,
+                shape,
+                port.unit.name if port.unit else "",
+                _start(port.start),
+                port.description + (f": {items}" if items else ""),
+            )
+    return table
+
+
+def _start(value: Value | None) -> str:
+    if isinstance(value, np.ndarray):
+        return f"{value.flat[0]} ..." if value.size else ""
+    return "" if value is None else f"{value}"
+
+
+def parameters_table(schema: Mapping[str, Any]) -> Table:
+    """Return a component's parameters, from the JSON Schema of its dataclass."""
+    table = _table()
+    for heading in ("name", "unit", "default", "expected", "meaning"):
+        table.add_column(heading, overflow="fold")
+    needed = schema.get("required", ())
+    for name, one in keys(schema, schema).items():
+        table.add_row(
+            name,
+            unit_of(name) or "",
+            show(one["default"]) if "default" in one else "required" if name in needed else "...",
+            expected(one, schema),
+            one.get("description", ""),
+        )
+    return table
+
+
+def components_table(rows: Iterable[tuple[str, str, str]]) -> Table:
+    """Return the installed components: name, where they are, what they are."""
+    table = _table()
+    for heading in ("name", "use", "meaning"):
+        table.add_column(heading, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def recording_table(info: Mapping[str, Any]) -> Table:
+    """Return the topics of a recording."""
+    table = _table()
+    for heading in ("topic", "message", "count", "Hz", "variables"):
+        table.add_column(heading, overflow="fold")
+    for topic in info["topics"]:
+        rate = topic["rate_hz"]
+        table.add_row(
+            topic["topic"],
+            topic["message"],
+            f"{topic['count']}",
+            "" if rate is None else f"{rate:.3g}",
+            f"{len(topic['units'])}",
+        )
+    return table
+
+
+def _table() -> Table:
+    return Table(box=None, pad_edge=False, header_style="bold")

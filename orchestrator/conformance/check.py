@@ -1,0 +1,110 @@
+"""Check that a component keeps the contract; for authors of components, in this project or not.
+
+>>> from orchestrator.conformance.check import check_component
+>>> clauses = check_component("my_package:make_my_component")  # doctest: +SKIP
+>>> print("; ".join(str(clause) for clause in clauses))  # doctest: +SKIP
+
+One clause starts another process: in a script, call this under ``if __name__ == "__main__"``.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from orchestrator.component import Component, Value
+from orchestrator.conformance import clauses
+
+Verdict = Literal["passed", "failed", "not applicable"]
+
+# name: (promise, test); the test returns a detail worth telling, or raises
+CONTRACT: dict[str, tuple[str, Callable[[clauses.Case], str | None]]] = {
+    "description": (
+        "the description is valid by FMPy, names and structure included",
+        clauses.description,
+    ),
+    "construction": (
+        "constructing and describing depend on the arguments alone and touch nothing shared",
+        clauses.construction,
+    ),
+    "execution": (
+        "the execution says continuous or sampled, a usable rate, and this interface",
+        clauses.execution,
+    ),
+    "outputs": (
+        "every output has the described type and shape and is finite, from the start on",
+        clauses.outputs_as_described,
+    ),
+    "get": ("reading has no side effect and returns copies", clauses.get_copies),
+    "set": (
+        "setting takes copies: what the caller changes later has no effect",
+        clauses.set_copies,
+    ),
+    "names": (
+        "an unknown name in set or get is a KeyError that says a near one",
+        clauses.unknown_names,
+    ),
+    "status": ("every step answers OK, Warning or Discard", clauses.status),
+    "determinism": (
+        "equal arguments, seed and inputs give bit-identical outputs",
+        clauses.determinism,
+    ),
+    "terminate": ("terminating twice, or before initializing, does no harm", clauses.termination),
+    "life cycle": (
+        "calls out of order are refused before they reach the component",
+        clauses.life_cycle,
+    ),
+    "state": ("a saved state continues in a new process to the same last bit", clauses.state),
+}
+
+
+@dataclass(frozen=True)
+class Clause:
+    """One promise of the contract and what became of it."""
+
+    name: str
+    promise: str
+    verdict: Verdict
+    detail: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.verdict:>14}  {self.promise}" + (f" ({self.detail})" if self.detail else "")
+
+
+def check_component(
+    factory: str | Callable[..., Component],
+    arguments: Mapping[str, Any] | None = None,
+    *,
+    step_s: float | None = None,
+    steps: int = 10,
+    inputs: Mapping[str, Value] | None = None,
+) -> list[Clause]:
+    """Check every clause of the contract on components made by ``factory(**arguments)``.
+
+    Parameters
+    ----------
+    factory : str or callable
+        ``module:attribute`` or a callable; what starts another process needs the former.
+    step_s : float, optional
+        Step size, s; the component's preferred rate otherwise.
+    steps : int
+        How many steps a run takes.
+    inputs : mapping, optional
+        Inputs held throughout, instead of their start values.
+    """
+    case = clauses.Case(factory, arguments or {}, step_s, steps, inputs)
+    checked: list[Clause] = []
+    for name, (promise, test) in CONTRACT.items():
+        try:
+            verdict, detail = "passed", test(case) or ""
+        except clauses.NotApplicable as error:
+            verdict, detail = "not applicable", str(error)
+        except clauses.Broken as error:
+            verdict, detail = "failed", str(error)
+        except Exception as error:  # noqa: BLE001  (whatever a component raises is its failure)
+            verdict, detail = "failed", f"{type(error).__name__}: {error}"
+        checked.append(Clause(name, promise, verdict, detail))
+        while case.made:
+            with suppress(Exception):  # a clause of its own
+                case.made.pop().component.terminate()
+    return checked

@@ -1,0 +1,269 @@
+"""How the clauses of the component contract are tested: one function each, see ``check.py``."""
+
+import pickle
+import random
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from orchestrator.assembly.clock import SECOND, period_ns
+from orchestrator.assembly.description import Port, mismatch, ports
+from orchestrator.component import INTERFACE, Component, Instance, Status, Value
+from orchestrator.errors import CouplingError
+from orchestrator.run.finite import nonfinite
+
+if TYPE_CHECKING:
+    from fmpy.model_description import ModelDescription
+
+SEED = 20050603
+
+
+class NotApplicable(Exception):  # noqa: N818  (a verdict)
+    """The clause says nothing about this component."""
+
+
+class Broken(Exception):  # noqa: N818  (a verdict)
+    """The clause is not kept."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A component to be made again and again, and how to run it: see ``check_component``."""
+
+    factory: str | Callable[..., Component]
+    arguments: Mapping[str, Any]
+    step_s: float | None
+    steps: int
+    given: Mapping[str, Value] | None
+    made: list[Instance] = field(default_factory=list[Instance])
+
+    def new(self) -> Instance:
+        """Return a new instance."""
+        factory = resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
+        instance = Instance("component", factory(**self.arguments))
+        self.made.append(instance)
+        return instance
+
+    def started(self) -> tuple[Instance, dict[str, Port]]:
+        """Return a new instance with its inputs set, initialized, and its ports."""
+        instance = self.new()
+        own = ports(instance.name, instance.description)
+        instance.set(self.inputs(own))
+        instance.initialize(start_time=0.0, stop_time=None, seed=SEED)
+        return instance, own
+
+    def inputs(self, own: Mapping[str, Port]) -> dict[str, Value]:
+        """Return the inputs that are held during every check: as given, else the start values."""
+        start = {n: p.start for n, p in own.items() if p.causality == "input"}
+        known = {n: value for n, value in start.items() if value is not None}
+        return {**known, **(self.given or {})}
+
+    def run(
+        self, instance: Instance, first: int, count: int, *, reads: int = 1
+    ) -> list[dict[str, Value]]:
+        """Take ``count`` steps from step ``first`` on and return the outputs after each."""
+        rate = instance.component.execution.rate_hz
+        size = self.step_s or period_ns(rate) / SECOND
+        names = _outputs(ports(instance.name, instance.description))
+        rows: list[dict[str, Value]] = []
+        for k in range(first, first + count):
+            status = instance.step(k * size, size)
+            if status not in (Status.OK, Status.WARNING, Status.DISCARD):
+                raise Broken(f"step at t = {k * size:g} s answered {status!r}")
+            rows.append([instance.get(names) for _ in range(reads)][-1])
+        return rows
+
+
+def description(case: Case) -> str | None:
+    """Validate by FMPy; its check of names is too slow for every start of a run."""
+    from fmpy.validation import validate_model_description
+
+    instance = case.new()
+    problems = validate_model_description(
+        instance.description, validate_variable_names=True, validate_model_structure=True
+    )
+    _refuse("; ".join(problems))
+    return f"{len(ports(instance.name, instance.description))} variables"
+
+
+def construction(case: Case) -> None:
+    """Make two, and watch the global random generators."""
+    shared = (random.getstate(), _bits(np.random.get_state()))  # noqa: NPY002
+    first, second = case.new(), case.new()
+    texts = [_text(instance.component.describe()) for instance in (first, second, first)]
+    _refuse("two descriptions differ" if len(set(texts)) > 1 else "")
+    now = (random.getstate(), _bits(np.random.get_state()))  # noqa: NPY002
+    _refuse("a global random generator was used" if now != shared else "")
+
+
+def execution(case: Case) -> str:
+    """Read the record."""
+    execution = case.new().component.execution
+    _refuse("" if execution.kind in ("continuous", "sampled") else f"kind {execution.kind!r}")
+    _refuse("" if execution.interface == INTERFACE else f"interface {execution.interface!r}")
+    period_ns(execution.rate_hz)
+    return f"{execution.kind}, {execution.rate_hz:g} Hz"
+
+
+def outputs_as_described(case: Case) -> None:
+    """Compare every output of a run with its port."""
+    instance, own = case.started()
+    names = _outputs(own)
+    for values in [instance.get(names), *case.run(instance, 0, case.steps)]:
+        for name in names:
+            fault = mismatch(own[name], values[name]) if name in values else "is missing"
+            _refuse(f"output {name!r}: {fault}" if fault else "")
+        _refuse(nonfinite(own, values) or "")
+
+
+def get_copies(case: Case) -> None:
+    """Overwrite what get returned and read again; read more often and compare."""
+    instance, own = case.started()
+    names = _outputs(own)
+    first = instance.get(names)
+    before = _bits(first)
+    for value in first.values():
+        if isinstance(value, np.ndarray) and value.flags.writeable:
+            value[...] = np.zeros((), value.dtype) if value.dtype.kind != "f" else -1e9
+    first.clear()
+    _refuse("the second read differs" if _bits(instance.get(names)) != before else "")
+    (seldom, _), (often, _) = case.started(), case.started()
+    rows = case.run(seldom, 0, case.steps), case.run(often, 0, case.steps, reads=3)
+    _refuse("reading more often changes outputs" if _bits(rows[0]) != _bits(rows[1]) else "")
+
+
+def set_copies(case: Case) -> None:
+    """Overwrite what was set, and compare with an instance for which it is kept."""
+    (kept, own), (changed, _) = case.started(), case.started()
+    inputs = case.inputs(own)
+    if not inputs:
+        raise NotApplicable("there are no inputs")
+    values = {n: np.array(v) if isinstance(v, np.ndarray) else v for n, v in inputs.items()}
+    kept.set(inputs)
+    changed.set(values)
+    for value in values.values():
+        if isinstance(value, np.ndarray):
+            value[...] = -1e9 if value.dtype.kind == "f" else np.zeros((), value.dtype)
+    values.clear()
+    same = _bits(case.run(kept, 0, 1)) == _bits(case.run(changed, 0, 1))
+    _refuse("" if same else "outputs follow the caller's mapping or array")
+
+
+def unknown_names(case: Case) -> None:
+    """Ask for a misspelt name."""
+    instance, own = case.started()
+    calls: list[tuple[str, Callable[[str], object]]] = [
+        ("set", lambda name: instance.set({name: 0.0})),
+        ("get", lambda name: instance.get([name])),
+    ]
+    known = [n for n, p in own.items() if p.causality in ("input", "output")]
+    for verb, call in calls:
+        name = (known or ["x"])[-1] + "x"
+        try:
+            call(name)
+        except KeyError as error:
+            _refuse("" if any(n in str(error) for n in known) else f"{verb} says {error}")
+        else:
+            raise Broken(f"{verb} accepts {name!r}")
+
+
+def status(case: Case) -> None:
+    """Run."""
+    instance, _ = case.started()
+    case.run(instance, 0, case.steps)
+
+
+def determinism(case: Case) -> None:
+    """Run two instances."""
+    (first, _), (second, _) = case.started(), case.started()
+    rows = [_bits(case.run(instance, 0, case.steps)) for instance in (first, second)]
+    _refuse("" if rows[0] == rows[1] else "two instances differ")
+
+
+def termination(case: Case) -> None:
+    """Terminate at several moments."""
+    case.new().component.terminate()
+    instance, _ = case.started()
+    instance.component.terminate()
+    instance.component.terminate()
+
+
+def life_cycle(case: Case) -> None:
+    """Try calls out of order."""
+    instance = case.new()
+    _refuse_order(lambda: instance.step(0.0, 1.0), "step before initialize")
+    instance, own = case.started()
+    _refuse_order(
+        lambda: instance.initialize(start_time=0.0, stop_time=None, seed=0), "initialize twice"
+    )
+    instance.terminate()
+    _refuse_order(lambda: instance.get(_outputs(own)), "get after terminate")
+
+
+def state(case: Case) -> str:
+    """Save, go on here and in a new process, and compare."""
+    instance, _ = case.started()
+    if not instance.is_restorable:
+        raise NotApplicable("canSerializeFMUstate is not advertised")
+    if not isinstance(case.factory, str):
+        raise NotApplicable("not tried: the factory must be 'module:attribute'")
+    try:
+        pickle.dumps(case.arguments)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise NotApplicable(f"not tried: the arguments cannot be pickled, {error}") from error
+    case.run(instance, 0, case.steps)
+    state = instance.get_state()
+    here = _bits(case.run(instance, case.steps, case.steps))
+    fresh = Case(case.factory, case.arguments, case.step_s, case.steps, case.given)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        there = pool.submit(_continued, fresh, state).result()
+    _refuse("" if here == there else "outputs after the restored state differ")
+    return f"{len(state)} bytes"
+
+
+def _continued(case: Case, state: bytes) -> bytes:
+    """Return the outputs of a new component that goes on from a saved state."""
+    instance, _ = case.started()
+    instance.set_state(state)
+    return _bits(case.run(instance, case.steps, case.steps))
+
+
+def _refuse(fault: str) -> None:
+    """Raise unless there is nothing to say."""
+    if fault:
+        raise Broken(fault)
+
+
+def _refuse_order(call: Callable[[], object], what: str) -> None:
+    try:
+        call()
+    except CouplingError:
+        return
+    raise Broken(f"{what} is accepted")
+
+
+def _outputs(own: Mapping[str, Port]) -> list[str]:
+    return [name for name, port in own.items() if port.causality == "output"]
+
+
+def _bits(value: object) -> bytes:
+    """Return everything that can be told apart in nested values."""
+    if isinstance(value, Mapping):
+        mapping = cast(Mapping[str, object], value)
+        return b"{%s}" % b",".join(n.encode() + _bits(v) for n, v in sorted(mapping.items()))
+    if isinstance(value, list | tuple):
+        return b"[%s]" % b",".join(map(_bits, cast(Sequence[object], value)))
+    array = np.asarray(value)
+    return f"{array.dtype}{array.shape}".encode() + array.tobytes()
+
+
+def _text(description: "ModelDescription") -> str:
+    """Return a description as text that is equal where the content is."""
+    from attrs import asdict
+
+    return repr(asdict(description))

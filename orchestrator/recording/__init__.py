@@ -1,0 +1,1 @@
+"""Recordings: MCAP out and in, well-known messages for viewers, comparison."""

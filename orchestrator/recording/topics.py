@@ -1,0 +1,128 @@
+"""What a recording of a system consists of: every topic, its message type and who feeds it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from orchestrator.assembly.description import Port
+from orchestrator.assembly.system import System
+from orchestrator.assembly.units import Unit
+from orchestrator.recording.descriptors import descriptors
+from orchestrator.recording.schemas import Channel, channel, channels
+from orchestrator.recording.views import file_descriptors, views
+from orchestrator.recording.wire import Encoder, WireField, encoder, partial_encoder
+
+# roles whose every publishing counts in the metrics, whether or not a value is new
+COUNTED = ("pose", "velocity", "clearance", "load_factor", "controls", "ladder")
+
+EVENTS, LOG, WALL_CLOCK = "/events", "/log", "/wall_clock"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic.
+
+    Attributes
+    ----------
+    call, component
+        The listener call that feeds it, and for which component; no component means any.
+    message, descriptors
+        Full name of the message type, and its serialised `FileDescriptorSet`.
+    encode
+        From the values of the call to the parts of a message without its time stamp.
+    on_change
+        Whether a message equal to the last one is left out.
+    """
+
+    name: str
+    call: str
+    component: str
+    message: str
+    descriptors: bytes
+    encode: Encoder
+    metadata: Mapping[str, str] = field(default_factory=dict[str, str])
+    on_change: bool = False
+
+
+def topics(system: System, *, wall_clock: bool) -> list[Topic]:
+    """Return every topic of a recording, in a fixed order.
+
+    Raises
+    ------
+    ValueError
+        If a scene role names nothing to draw.
+    """
+    made = [
+        _signals(each, system.scenario.scene)
+        for component, ports in system.ports.items()
+        for each in channels(component, ports.values())
+    ]
+    made += [_signals(each, system.scenario.scene) for each in _changed_inputs(system)]
+    for view in views(system.scenario.scene, system.ports):
+        name, data = view.message.DESCRIPTOR.full_name, file_descriptors(view.message)
+        made.append(Topic(view.topic, "outputs", view.component, name, data, view.encode))
+    log = [
+        WireField(2, "level", "enum"),
+        WireField(3, "message", "string"),
+        WireField(4, "name", "string"),
+    ]
+    made.append(Topic(LOG, "log", "", "foxglove.Log", file_descriptors(Log), encoder(log)))
+    made.append(
+        _own(EVENTS, "event", "Event", [_text("kind"), _text("component"), _text("message")])
+    )
+    if wall_clock:
+        elapsed = Port("", "elapsed_s", "output", "discrete", "Float64", unit=Unit("s"))
+        made.append(_own(WALL_CLOCK, "wall_clock", "WallClock", [_text("component"), elapsed]))
+    return made
+
+
+def _signals(each: Channel, scene: Mapping[str, str]) -> Topic:
+    names = [str(port) for port in each.ports]
+    counted = any(
+        name == scene.get(role) or name.startswith(f"{scene.get(role)}.")
+        for role in COUNTED
+        for name in names
+    )
+    on_change = each.kind == "outputs" and each.is_discrete and not counted
+    make = encoder if each.kind == "outputs" else partial_encoder
+    return Topic(
+        name=each.topic,
+        call=each.kind,
+        component=each.component,
+        message=each.message,
+        descriptors=each.descriptors,
+        encode=make(each.wire_fields()),
+        metadata=each.metadata | ({"written": "on change"} if on_change else {}),
+        on_change=on_change,
+    )
+
+
+def _changed_inputs(system: System) -> Iterator[Channel]:
+    """Yield a channel for the inputs of each component that can differ from their sources."""
+    changed = {str(link.target) for link in system.links if not link.is_plain}
+    changed |= {event.set for event in system.scenario.events}
+    for component, ports in system.ports.items():
+        inputs = [p for p in ports.values() if p.causality == "input" and str(p) in changed]
+        if inputs:
+            yield channel(component, "inputs", "inputs", inputs)
+
+
+def _text(name: str) -> Port:
+    return Port("", name, "output", "discrete", "String")
+
+
+def _own(name: str, call: str, title: str, ports: list[Port]) -> Topic:
+    """Return a topic of the recording itself, fed by one listener call."""
+    each = Channel(
+        topic=name,
+        component="",
+        kind="outputs",
+        ports=tuple(ports),
+        fields=tuple(port.name for port in ports),
+        message=f"hedgehop.{title}",
+        descriptors=descriptors("hedgehop", title, [port.name for port in ports], ports),
+    )
+    units = {f"unit.{p.name}": p.unit.name for p in ports if p.unit is not None}
+    encode = encoder(each.wire_fields())
+    return Topic(name, call, "", each.message, each.descriptors, encode, units)

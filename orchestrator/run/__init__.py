@@ -1,0 +1,1 @@
+"""The run: initialisation, the loop over ticks, policies and events."""

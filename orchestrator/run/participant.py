@@ -1,0 +1,237 @@
+"""One component in a run: takes over inputs, steps, and publishes its outputs."""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from time import perf_counter
+from typing import cast
+
+from orchestrator.assembly.clock import SECOND
+from orchestrator.assembly.description import Port, mismatch
+from orchestrator.assembly.system import Link, Operation, Schedule
+from orchestrator.component import Instance, Restorable, Value
+from orchestrator.run.finite import finiteness, nonfinite
+from orchestrator.run.policies import Policies, Step, retrying
+from orchestrator.run.report import Ended, Report, at
+from orchestrator.run.wiring import gather
+from orchestrator.scenario.records import ComponentSpec
+
+Values = Mapping[str, Value]
+
+
+class Participant:
+    """The run-time side of one component. Times are whole ns.
+
+    Attributes
+    ----------
+    values : mapping
+        The outputs that are valid now; replaced at every publishing, never changed.
+    """
+
+    def __init__(
+        self,
+        instance: Instance,
+        spec: ComponentSpec,
+        ports: Mapping[str, Port],
+        schedule: Schedule,
+        links: Sequence[Link],
+        report: Report,
+        *,
+        end_on: Sequence[str] = (),
+    ) -> None:
+        self.name = spec.name
+        self.values: Values = {}
+        self._ports = ports
+        self._outputs = tuple(n for n, port in ports.items() if port.causality == "output")
+        self._end_on = tuple(end_on)
+        self._links = [link for link in links if link.target.component == spec.name]
+        self._step_size = schedule.period_ns[spec.name] / SECOND
+        self._latency = schedule.latency_ns[spec.name]
+        self._pending: deque[tuple[int, Values]] = deque()  # results that become valid later
+        self._history: deque[tuple[int, Values]] = deque()  # what delayed connections ask for
+        self._longest_delay = max(
+            (x.delay_ns for x in links if x.source.component == spec.name and not x.is_plain),
+            default=-1,
+        )
+        self._is_in_service = True  # False for good once a failed component is held
+        self._may_read = True  # False while a policy holds the outputs of the last step
+        self._is_finite = finiteness(ports)
+        self._report = report
+        self._publish = tuple(listener.outputs for listener in report.listeners)
+        self._clocks = tuple(x.wall_clock for x in report.listeners if x.wants_wall_clock)
+        self._deadline_s = spec.deadline_s
+        self._is_timed = bool(self._clocks) or spec.deadline_s is not None
+        self._elapsed_s = 0.0
+        self._tries: list[int] = []
+        self._instance = instance
+        self._policies = Policies(instance, spec, report)
+        self._inputs: Callable[[int], Values] = lambda _: {}
+        component = instance.component
+        self._set, self._get = component.set, component.get
+        step: Step = component.step
+        if spec.on_discard == "retry":
+            step = retrying(cast(Restorable, component), step, self._tries)
+        self._step = self._timed(step) if self._is_timed else step
+
+    def initialize(self, inputs: Values, stop_time: float, seed: int) -> None:
+        """Initialize with ``inputs`` and take over the first outputs.
+
+        Raises
+        ------
+        ValueError
+            If an output is missing or is not what the description says.
+        """
+        if inputs:
+            self._instance.set(inputs)
+        self._instance.initialize(start_time=0.0, stop_time=stop_time, seed=seed)
+        values = self._instance.get(self._outputs)
+        for name in self._outputs:
+            fault = mismatch(self._ports[name], values[name]) if name in values else "is missing"
+            if fault is not None:
+                raise ValueError(f"output {name!r}: {fault}")
+        self.values = values
+        self._instance.enter_step_mode()
+
+    def wire(self, participants: Mapping[str, "Participant"]) -> None:
+        """Connect the inputs to what the participants publish."""
+        tell = tuple(listener.inputs for listener in self._report.listeners)
+        self._inputs = gather(self._links, participants, self.name, tell)
+
+    def call(
+        self, operation: Operation, participants: Mapping[str, "Participant"], *, is_last: bool
+    ) -> Callable[[int], None]:
+        """Return the function of time that carries out one operation of the schedule."""
+        if operation.kind == "read":
+            return self._reader(operation, participants, is_last=is_last)
+        return {"release": self.release, "sample": self.sample, "advance": self.advance}[
+            operation.kind
+        ]
+
+    def value_at(self, time_ns: int, name: str) -> Value | None:
+        """Return an output as it was valid at a time, None before the first publishing."""
+        for published, values in reversed(self._history):
+            if published <= time_ns:
+                return values[name]
+        return None
+
+    def change(self, time_ns: int, name: str, value: Value) -> None:
+        """Set an unconnected input or tunable parameter between steps."""
+        if self._is_in_service:
+            try:
+                self._set({name: value})
+            except Exception as error:  # noqa: BLE001  (whatever a component raises is Error)
+                self._fail(time_ns, error)
+
+    def advance(self, time_ns: int) -> None:
+        """Step a continuous component; its outputs are read when the end of the step is reached."""
+        self._may_read = self._has_stepped(time_ns)
+
+    def sample(self, time_ns: int) -> None:
+        """Step a sampled component; its outputs become valid after its latency."""
+        if not self._has_stepped(time_ns):
+            return
+        try:
+            values = self._get(self._outputs)
+        except Exception as error:  # noqa: BLE001
+            self._fail(time_ns, error)
+            return
+        if self._latency:
+            self._pending.append((time_ns + self._latency, values))
+        else:
+            self.publish(time_ns, values)
+
+    def release(self, time_ns: int) -> None:
+        """Publish the result that becomes valid now, if there is one."""
+        if self._pending and self._pending[0][0] == time_ns:
+            self.publish(time_ns, self._pending.popleft()[1])
+
+    def publish(self, time_ns: int, values: Values, is_last: bool = True) -> None:
+        """Make outputs valid, unless one is not finite; the last of an instant is told."""
+        try:
+            wrong = None if self._is_finite(values) else nonfinite(self._ports, values)
+        except Exception as error:  # noqa: BLE001  (other names or types than at the start)
+            self._fail(time_ns, error)
+            return
+        if wrong is not None:
+            self._policies.found_nonfinite(time_ns, wrong)
+            return
+        self.values = values
+        if self._longest_delay >= 0:
+            self._remember(time_ns)
+        if is_last:
+            for publish in self._publish:
+                publish(time_ns, self.name, values)
+            for name in self._end_on:
+                if values[name]:
+                    item = self._ports[name].items[cast(int, values[name])]
+                    raise Ended(item, f"{at(self.name, time_ns)}: {name!r} is {item!r}")
+
+    def _reader(
+        self, operation: Operation, participants: Mapping[str, "Participant"], *, is_last: bool
+    ) -> Callable[[int], None]:
+        """Return the call that reads outputs after taking over the inputs they pass on."""
+        names = operation.outputs
+        is_all = len(names) == len(self._outputs)
+        through = [link for link in self._links if link.target.name in operation.inputs]
+        take = gather(through, participants, self.name, ()) if through else None
+
+        def read(time_ns: int) -> None:
+            if not self._may_read:
+                return
+            try:
+                if take is not None:
+                    self._set(take(time_ns))
+                values = self._get(names)
+            except Exception as error:  # noqa: BLE001
+                self._fail(time_ns, error)
+            else:
+                whole = values if is_all else {**self.values, **values}
+                self.publish(time_ns, whole, is_last)
+
+        return read
+
+    def _has_stepped(self, time_ns: int) -> bool:
+        """Take over the inputs and step; False where a policy holds the outputs."""
+        if not self._is_in_service:
+            return False
+        inputs = self._inputs(time_ns)
+        try:
+            self._set(inputs)
+            status = self._step(time_ns / SECOND, self._step_size)
+        except Exception as error:  # noqa: BLE001
+            self._fail(time_ns, error)
+            return False
+        while self._tries:
+            self._policies.tried_again(time_ns, self._tries.pop(0))
+        if status and not self._policies.answered(time_ns, status):
+            self._is_in_service = self._instance.state == "stepping"
+            return False
+        return not self._is_timed or self._is_in_time(time_ns)
+
+    def _fail(self, time_ns: int, error: Exception) -> None:
+        self._is_in_service = self._may_read = False
+        self._policies.failed(time_ns, error)
+
+    def _is_in_time(self, time_ns: int) -> bool:
+        """Tell the measured time of a step; False where an overrun holds the outputs."""
+        for tell in self._clocks:
+            tell(time_ns, self.name, self._elapsed_s)
+        if self._deadline_s is None or self._elapsed_s <= self._deadline_s:
+            return True
+        return self._policies.overran(time_ns, self._elapsed_s)
+
+    def _timed(self, step: Step) -> Step:
+        def timed_step(time: float, step_size: float) -> int:
+            begin = perf_counter()
+            status = step(time, step_size)
+            self._elapsed_s = perf_counter() - begin
+            return status
+
+        return timed_step
+
+    def _remember(self, time_ns: int) -> None:
+        history = self._history
+        if history and history[-1][0] == time_ns:
+            history.pop()
+        history.append((time_ns, self.values))
+        while len(history) > 1 and history[1][0] <= time_ns - self._longest_delay:
+            history.popleft()

@@ -1,0 +1,1 @@
+"""A scenario: YAML, positions and validation, down to frozen records."""
