@@ -11,7 +11,7 @@ import pytest
 from small_components import GROUND, SCENARIO
 
 import orchestrator
-from orchestrator.__main__ import status
+from orchestrator.command.app import status
 from orchestrator.flight import fly, recording_metrics
 
 PROMISED = (
@@ -33,7 +33,7 @@ def _here(tmp_path, monkeypatch):
 def test_help_imports_nothing_heavy():
     """The help must answer at once: no numpy, pydantic, MCAP or YAML behind it."""
     program = (
-        "import sys; from orchestrator.__main__ import status; status(['--help']); "
+        "import sys; from orchestrator.command.app import status; status(['--help']); "
         "print([m for m in ('numpy', 'pydantic', 'mcap', 'yaml', 'fmpy') if m in sys.modules])"
     )
     done = subprocess.run(

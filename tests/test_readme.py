@@ -36,7 +36,7 @@ def test_the_component(monkeypatch, tmp_path):
 @pytest.mark.parametrize("command", sorted(set(COMMANDS)))
 def test_the_commands_exist(command):
     """Every command that the README types exists."""
-    from orchestrator.__main__ import status
+    from orchestrator.command.app import status
 
     assert status([command, "--help"]) == 0
 

@@ -1,0 +1,322 @@
+"""The commands of ``hedgehop``.
+
+Exit codes: 0 flown (or same, or valid); 1 the flight failed (or files differ); 2 bad usage or bad
+scenario; 3 a defect; 130 interrupted, 143 terminated.
+"""
+
+import os
+import sys
+import traceback
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, CycloptsError, Parameter
+
+from orchestrator.errors import Problem, ScenarioError
+
+if TYPE_CHECKING:
+    from orchestrator.assembly.system import System
+    from orchestrator.flight import Flight
+
+# heavy imports happen inside the commands: `hedgehop --help` must answer at once
+
+app = App(
+    name="hedgehop",
+    help="Fly helicopters nap-of-the-earth: couple components by co-simulation and record them.",
+    help_format="plaintext",
+    version=lambda: version("hedgehop"),
+    print_error=False,
+    exit_on_error=False,
+    result_action="return_value",
+    suppress_keyboard_interrupt=False,
+)
+
+Overrides = Annotated[list[str] | None, Parameter(name="--set", negative="")]
+Json = Annotated[bool, Parameter(name="--json", negative="")]
+
+
+def status(tokens: Sequence[str]) -> int:
+    """Return the exit code of a command; errors become a line on stderr."""
+    try:
+        code = app(tokens)
+        sys.stdout.flush()
+    except CycloptsError as error:
+        print(f"hedgehop: {error}", file=sys.stderr)
+        return 2
+    except ScenarioError as error:
+        _explain(error)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # as by `hedgehop list | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except Exception as error:  # noqa: BLE001  the last resort
+        notes = "".join(f", {note}" for note in getattr(error, "__notes__", ()))
+        print(f"hedgehop: internal error, {type(error).__name__}: {error}{notes}", file=sys.stderr)
+        if os.environ.get("HEDGEHOP_TRACEBACK") != "1":
+            print("set HEDGEHOP_TRACEBACK=1 to see where", file=sys.stderr)
+        else:
+            traceback.print_exc()
+        return 3
+    return code or 0
+
+
+def _explain(error: ScenarioError) -> None:
+    print(error, file=sys.stderr)
+    if len(error.problems) > 1:
+        print(f"{len(error.problems)} problems", file=sys.stderr)
+    if os.environ.get("HEDGEHOP_TRACEBACK") == "1":
+        traceback.print_exc()
+
+
+@app.command
+def run(
+    scenario: Path,
+    /,
+    *,
+    overrides: Overrides = None,
+    out: Path | None = None,
+    record: bool = True,
+    json: Json = False,
+) -> int:
+    """Fly a scenario, record it, and print its figures.
+
+    Parameters
+    ----------
+    scenario
+        The scenario's YAML file.
+    overrides
+        A value to change, as components.mpc.parameters.basis=tent; may be repeated.
+    out
+        The MCAP file to write; named after the scenario, in this folder, if not given.
+    record
+        Whether to record at all.
+    json
+        Print one JSON object instead of the table.
+    """
+    from orchestrator.command.terminal import progress_bar, signals
+    from orchestrator.flight import check_writable, fly_system
+
+    file = (out or Path(f"{scenario.stem}.mcap")) if record else None
+    if file is not None:
+        check_writable(file)
+    system = _built(scenario, overrides)
+    with signals() as caught, progress_bar(system.schedule.end_ns) as progress:
+        flight = fly_system(system, file, progress, lambda: bool(caught))
+    _report(system, flight, as_json=json)
+    if file is not None and flight.recording is None:
+        print(f"{file}: the recording is incomplete", file=sys.stderr)
+        return 2
+    if caught and flight.result.outcome == "interrupted":
+        return 128 + caught[0]
+    return int(flight.metrics["outcome"] != "flown")
+
+
+def _report(system: "System", flight: "Flight", *, as_json: bool) -> None:
+    if as_json:
+        from json import dumps
+
+        recording = None if flight.recording is None else str(flight.recording)
+        print(dumps({**flight.metrics, "recording": recording}, allow_nan=False))
+    else:
+        from orchestrator.command.tables import flight_table
+        from orchestrator.command.terminal import print_table
+
+        print_table(system.scenario.title, flight_table(flight.metrics, flight.recording))
+
+
+def _built(scenario: Path, overrides: list[str] | None) -> "System":
+    from orchestrator.assembly.build import build
+    from orchestrator.command.terminal import announce
+    from orchestrator.scenario.load import load
+
+    loaded = load(scenario, overrides or ())
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hedgehop"
+    if not any(cache.glob("*/**/*.nbi")):
+        print("compiling flight kernels (first time only) ...", file=sys.stderr)
+    return build(loaded, announce)
+
+
+@app.command
+def validate(scenario: Path, /, *, overrides: Overrides = None) -> None:
+    """Check a scenario without flying it.
+
+    Parameters
+    ----------
+    scenario
+        The scenario's YAML file.
+    overrides
+        A value to change, as components.mpc.parameters.basis=tent; may be repeated.
+    """
+    system = _built(scenario, overrides)
+    base_s = system.schedule.base_ns / 1e9
+    count = f"{len(system.instances)} components, {len(system.links)} links"
+    print(f"{scenario}: valid, {count}, base tick {base_s:g} s")
+
+
+@app.command(name="list")
+def list_() -> None:
+    """List the installed components."""
+    from inspect import getdoc
+
+    from orchestrator.assembly.discovery import installed_components, resolve
+    from orchestrator.command.tables import components_table
+    from orchestrator.command.terminal import print_table
+
+    rows: list[tuple[str, str, str]] = []
+    for name, point in installed_components().items():
+        try:
+            meaning = (getdoc(resolve(point.value)) or "").partition("\n")[0]
+        except ValueError as error:
+            meaning = f"broken: {error}"
+        rows.append((name, point.value, meaning))
+    print_table("installed components", components_table(rows))
+
+
+@app.command
+def inspect(use: str, /, *, scenario: Path | None = None) -> None:
+    """Show a component's variables and parameters.
+
+    Parameters
+    ----------
+    use
+        The name of an installed component, or module:attribute.
+    scenario
+        A scenario that holds one, where its defaults are not enough to make one.
+    """
+    from orchestrator.assembly.description import ports
+    from orchestrator.assembly.examples import example, find
+    from orchestrator.assembly.parameters import adapter, constructor
+    from orchestrator.command.tables import parameters_table, variables_table
+    from orchestrator.command.terminal import print_table
+
+    with _user_errors():
+        factory = find(use)
+        record = constructor(factory).record
+        if record is not None:
+            print_table(f"{use}: parameters", parameters_table(adapter(record).json_schema()))
+        if isinstance(factory, type) and not hasattr(factory, "describe"):
+            return  # a resource
+        arguments, where = example(factory, scenario)
+        described = ports(use, factory(**arguments).describe())
+    print_table(f"\n{use}: variables, made with {where}", variables_table(described.values()))
+
+
+@app.command
+def check(use: str, /, *, scenario: Path | None = None) -> int:
+    """Check that a component keeps the contract.
+
+    Parameters
+    ----------
+    use
+        The name of an installed component, or module:attribute.
+    scenario
+        A scenario that holds one, where its defaults are not enough to make one.
+    """
+    from orchestrator.assembly.examples import example, find
+    from orchestrator.conformance.check import check_component
+
+    with _user_errors():
+        factory = find(use)
+        arguments, where = example(factory, scenario)
+    clauses = check_component(f"{factory.__module__}:{factory.__qualname__}", arguments)
+    print(f"{use}, made with {where}")
+    for clause in clauses:
+        print(clause)
+    return int(any(clause.verdict == "failed" for clause in clauses))
+
+
+@app.command
+def schema() -> None:
+    """Print the JSON Schema of scenario files, for editors."""
+    from json import dumps
+
+    from orchestrator.scenario.load import json_schema
+
+    print(dumps(json_schema(), indent=2))
+
+
+@app.command
+def info(recording: Path, /, *, json: Json = False) -> None:
+    """Show what a recording holds.
+
+    Parameters
+    ----------
+    recording
+        An MCAP file.
+    json
+        Print one JSON object instead of the table.
+    """
+    from orchestrator.command.tables import recording_table
+    from orchestrator.command.terminal import print_table
+    from orchestrator.recording import diff as differences
+
+    with _user_errors():
+        found = differences.info(recording)
+    if json:
+        from json import dumps
+
+        print(dumps(found))
+    else:
+        print_table(f"{found['title']}: {found['outcome']}", recording_table(found))
+
+
+@app.command
+def diff(a: Path, b: Path, /) -> int:
+    """Compare two recordings' simulated signals, bit for bit; exit code 1 if they differ.
+
+    Parameters
+    ----------
+    a, b
+        MCAP files.
+    """
+    from orchestrator.recording import diff as differences
+
+    with _user_errors():
+        found = differences.diff(a, b)
+    for difference in found:
+        print(difference)
+    print(f"{len(found)} signals or events differ" if found else "no difference")
+    return int(bool(found))
+
+
+@app.command
+def metrics(recording: Path, /, *, json: Json = False) -> None:
+    """Print a recorded flight's figures, from the recording alone.
+
+    Parameters
+    ----------
+    recording
+        An MCAP file.
+    json
+        Print one JSON object instead of the table.
+    """
+    from orchestrator.flight import recording_metrics
+
+    with _user_errors():
+        figures = recording_metrics(recording)
+    if json:
+        from json import dumps
+
+        print(dumps({**figures, "recording": str(recording)}, allow_nan=False))
+    else:
+        from orchestrator.command.tables import flight_table
+        from orchestrator.command.terminal import print_table
+
+        print_table(recording.stem, flight_table(figures, recording))
+
+
+@contextmanager
+def _user_errors() -> Generator[None]:
+    """Take what a file or component that the user named raises as the user's to mend."""
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except (OSError, ValueError) as error:
+        raise ScenarioError([Problem((), str(error))]) from error
