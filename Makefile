@@ -35,7 +35,7 @@ imports: .venv/.checks
 	$(BIN)/lint-imports
 
 scenarios: .venv/.ready
-	@for scenario in scenarios/*.yaml; do $(BIN)/hedgehop validate $$scenario || exit; done
+	@for scenario in scenarios/*.yaml benchmarks/*.yaml; do $(BIN)/hedgehop validate $$scenario || exit; done
 
 schema: .venv/.ready
 	@$(BIN)/hedgehop schema | diff scenarios/scenario.schema.json - > /dev/null || \
@@ -45,7 +45,7 @@ viewers: .venv/.checks
 	$(BIN)/python -m pytest -m viewers
 
 bench: .venv/.ready  ## measure speed: the figures of benchmarks/README.md
-	@for script in benchmarks/*.py; do $(BIN)/python $$script || exit; done
+	@$(BIN)/python benchmarks/run_all.py $(ARGS)
 
 lock: .venv/pyvenv.cfg  ## write the locked versions again; UPGRADE=--upgrade moves them to the newest
 	@echo 'resolving for Python 3.11 and newer on every platform ...'

@@ -26,6 +26,10 @@ class ScenarioError(ValueError):
         self.problems = tuple(problems)
         super().__init__("\n".join(problem.message for problem in self.problems))
 
+    def __reduce__(self) -> tuple[type["ScenarioError"], tuple[tuple[Problem, ...]]]:
+        """Pickle by the problems, so that a worker process can raise it."""
+        return type(self), (self.problems,)
+
 
 class CouplingError(ValueError):
     """A component does not keep its contract, or is called in an order the contract forbids."""

@@ -84,13 +84,10 @@ def test_holds_its_height_over_real_terrain(basis, course):
     assert figures["clearance_min_m"] >= 9.0
 
 
-@pytest.mark.parametrize("basis", BASES)
-def test_more_and_better_shaped_functions_fly_better(basis):
+def test_the_order_of_the_bases():
     """Ten tents hold the height better than eight Laguerre functions, these than five polynomials."""
-    order = ["tent", "laguerre_function", "laguerre"]
-    better = order[: order.index(basis)]
-    mine = across("main", basis).figures["height_rms_m"]
-    assert all(across("main", other).figures["height_rms_m"] < mine for other in better)
+    error = {basis: across("main", basis).figures["height_rms_m"] for basis in BASES}
+    assert error["tent"] < error["laguerre_function"] < error["laguerre"]
 
 
 @pytest.mark.parametrize("course", COURSES)
@@ -155,7 +152,7 @@ def test_a_heading_45_degrees_off_its_reference_is_a_departure(heading_deg, outc
     figures = flown("level_flight", "laguerre", off, "duration_s=6").figures
     assert figures["outcome"] == outcome
     assert figures["duration_s"] == 6.0
-    assert figures["heading_max_deg"] == pytest.approx(heading_deg, abs=1.0)
+    assert figures["heading_max_deg"] == pytest.approx(heading_deg, abs=2.0)
 
 
 @pytest.mark.parametrize("preset", ["r50", "r50_bare"])

@@ -108,11 +108,12 @@ class Recording:
         """Measured duration of every step, s, by component; None if it was not recorded."""
         if WALL_CLOCK not in self.topics:
             return None
-        steps: dict[str, list[float]] = {}
-        for message in self.topics[WALL_CLOCK].decoded:
-            component, elapsed = (getattr(message, name) for name in ("component", "elapsed_s"))
-            steps.setdefault(component, []).append(elapsed)
-        return {component: np.array(elapsed) for component, elapsed in steps.items()}
+        topic = self.topics[WALL_CLOCK]
+        steps = {
+            component: np.array([getattr(message, component) for message in topic.decoded])
+            for component in (name[5:] for name in topic.metadata if name.startswith("unit."))
+        }
+        return {component: elapsed[elapsed > 0] for component, elapsed in steps.items()}
 
 
 def _read(path: Path, stream: BinaryIO) -> Recording:

@@ -83,6 +83,9 @@ class Recorder:
         self._streams: dict[tuple[str, str], list[_Stream]] = {}  # by listener call and component
         self._parameters: dict[str, dict[str, Value]] = {}  # all current values by component
         self._untimed: set[str] = set()  # components whose overruns are not recorded
+        self._components: tuple[str, ...] = ()
+        self._steps: dict[str, float] = {}  # measured at self._steps_ns, by component
+        self._steps_ns = -1
         self._time_ns = -1
         self._stamp = b""
         self._flush_ns = FLUSH_NS
@@ -98,6 +101,7 @@ class Recorder:
         if not self._wall_clock:  # an overrun that steers the flight is recorded all the same
             specs = system.scenario.components
             self._untimed = {spec.name for spec in specs if spec.on_overrun == "log"}
+        self._components = tuple(system.ports)
         planned = topics(system, wall_clock=self._wall_clock)
         try:
             self._file = BufferedWriter(FileIO(self.path, "wb"))
@@ -147,8 +151,17 @@ class Recorder:
         self._write(time_ns, ("log", ""), values)
 
     def wall_clock(self, time_ns: int, component: str, elapsed_s: float, /) -> None:
-        """Write the measured duration of a step, if wanted."""
-        self._write(time_ns, ("wall_clock", ""), {"component": component, "elapsed_s": elapsed_s})
+        """Keep the measured duration of a step, if wanted; one message tells all of an instant."""
+        if time_ns != self._steps_ns:
+            self._write_steps()
+            self._steps_ns = time_ns
+        self._steps[component] = self._steps.get(component, 0.0) + elapsed_s
+
+    def _write_steps(self) -> None:
+        if self._steps:
+            values = dict.fromkeys(self._components, 0.0) | self._steps
+            self._write(self._steps_ns, ("wall_clock", ""), values)
+            self._steps = {}
 
     def close(self, result: Result, /) -> None:
         """Write the summary and finish the file; again, or without `open`, it does nothing."""
@@ -161,6 +174,7 @@ class Recorder:
         finally:
             try:
                 if self.failure is None:
+                    self._write_steps()
                     self._flush(writer)
                     writer.add_metadata("hedgehop.summary", summary)
                     writer.finish()

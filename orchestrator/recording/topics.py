@@ -72,8 +72,9 @@ def topics(system: System, *, wall_clock: bool) -> list[Topic]:
         _own(EVENTS, "event", "Event", [_text("kind"), _text("component"), _text("message")])
     )
     if wall_clock:
-        elapsed = Port("", "elapsed_s", "output", "discrete", "Float64", unit=Unit("s"))
-        made.append(_own(WALL_CLOCK, "wall_clock", "WallClock", [_text("component"), elapsed]))
+        second = Unit("s")
+        steps = [Port("", c, "output", "discrete", "Float64", unit=second) for c in system.ports]
+        made.append(_own(WALL_CLOCK, "wall_clock", "WallClock", steps))
     return made
 
 
