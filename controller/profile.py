@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.jit import kernel
-from controller.lateral import (
+from controller.spline import (
     KNOT_M,
     Weights,
     curvature_weights,

@@ -27,16 +27,7 @@ from controller.course import (
     sample_path,
 )
 from controller.jit import kernel
-from controller.lateral import (
-    KNOT_M,
-    curvature_weights,
-    evaluate,
-    half_width,
-    hold,
-    plan_offsets,
-    slope_weights,
-    weights,
-)
+from controller.lateral import half_width, plan_offsets
 from controller.profile import (
     SAMPLE_M,
     SAMPLES,
@@ -46,6 +37,7 @@ from controller.profile import (
     plan_speed,
     unhindered_speed,
 )
+from controller.spline import KNOT_M, curvature_weights, evaluate, hold, slope_weights, weights
 from controller.terrain_map import TerrainMap, height_and_slope
 
 __all__ = [

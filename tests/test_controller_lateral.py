@@ -6,18 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.course import make_course, turn_radius
-from controller.lateral import (
+from controller.lateral import LANE_M, OUTSIDE, UNSENSED, half_width, least_gradient, plan_offsets
+from controller.spline import (
     KNOT_M,
-    LANE_M,
-    OUTSIDE,
-    UNSENSED,
     curvature_weights,
     evaluate,
-    half_width,
     hold,
-    least_gradient,
     normal_equations,
-    plan_offsets,
     slope_weights,
     weights,
 )

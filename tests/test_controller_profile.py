@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.lateral import KNOT_M, curvature_weights, evaluate, slope_weights, weights
 from controller.profile import (
     GRACE,
     SAMPLE_M,
@@ -17,6 +16,7 @@ from controller.profile import (
     plan_speed,
     unhindered_speed,
 )
+from controller.spline import KNOT_M, curvature_weights, evaluate, slope_weights, weights
 
 LIMITS = Limits(
     speed=30.0, speed_min=5.0, slope=0.7, up=5.9, down=4.9, side=5.7, acceleration=1.5,

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.course import make_course, position
-from controller.lateral import KNOT_M
 from controller.reference import ReferenceParameters, extend, project, sample, start
+from controller.spline import KNOT_M
 from controller.terrain_map import empty_map, update
 
 COURSE = make_course([(0.0, 0.0), (4000.0, 0.0)], 30.0)
