@@ -37,11 +37,9 @@ def draw(recording: Recording, terrain: Terrain, picture: Path) -> None:
     n = np.linspace(north.min() - 60, north.max() + 60, 700)
     e = np.linspace(east.min() - 190, east.max() + 190, 260)
     h = terrain.elevation(*np.meshgrid(n, e, indexing="ij")).T
-    shade = LightSource(315, 40).shade(h, plt.get_cmap("gist_earth"), vert_exag=2.5, blend_mode="soft",
-                                       vmin=h.min() - 150, vmax=h.max() + 60)  # fmt: skip
+    shade = LightSource(315, 40).shade(h, plt.get_cmap("terrain"), vert_exag=3, blend_mode="soft",
+                                       vmin=h.min() - 160, vmax=h.max() + 120)  # fmt: skip
     chart.imshow(shade, extent=(n[0], n[-1], e[0], e[-1]), origin="lower", aspect="equal")
-    for k in range(0, len(path_n), 8):
-        chart.plot(path_n[k], path_e[k], color=PLANNED, lw=0.8, alpha=0.8)
     chart.plot(north, east, color="white", lw=3)
     chart.plot(north, east, color=FLOWN, lw=1.6)
     chart.set(xlabel="north (m)", ylabel="east (m)")
@@ -49,20 +47,20 @@ def draw(recording: Recording, terrain: Terrain, picture: Path) -> None:
         "Across the Jacksboro fault at 30 m/s, 10 m above ground", loc="left", color=INK
     )
 
-    profile.fill_between(s, ground, ground.min() - 25, color=GROUND, lw=0, label="terrain")
+    profile.fill_between(s, ground, ground.min() - 25, color=GROUND, lw=0)
+    profile.plot(s, altitude, color=FLOWN, lw=4, alpha=0.45, label="flown")
     for k in range(0, len(path_n), 4):
         near = int(np.argmin(np.hypot(north - path_n[k][0], east - path_e[k][0])))
         along = s[near] + np.concatenate(
             [[0.0], np.cumsum(np.hypot(np.diff(path_n[k]), np.diff(path_e[k])))]
         )
         inside = along < s[-1]
-        profile.plot(along[inside], -path_d[k][inside], color=PLANNED, lw=0.8, alpha=0.8,
+        profile.plot(along[inside], -path_d[k][inside], color=PLANNED, lw=0.9,
                      label="plans, every 2 s" if k == 0 else None)  # fmt: skip
-    profile.plot(s, altitude, color=FLOWN, lw=1.6, label="flown")
     profile.set(
         ylabel="altitude (m)", xlim=(0, s[-1]), ylim=(ground.min() - 25, altitude.max() + 25)
     )
-    profile.legend(frameon=False, ncols=3, loc="lower left")
+    profile.legend(frameon=False, ncols=3, loc="upper center")
 
     error.plot(s, recording["vehicle.clearance"][1], color=FLOWN, lw=1.2)
     error.axhline(10.0, color=INK, lw=0.7, ls=":")
