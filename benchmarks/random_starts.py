@@ -21,7 +21,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
-from time import process_time
 
 import machine
 import numpy as np
@@ -55,14 +54,18 @@ class Cell:
 
 @dataclass(frozen=True)
 class Run:
-    """How one flight went; ``late_m`` is its largest height error of the last 3 s, if it got there."""
+    """How one flight went.
+
+    ``late_m`` is the largest height error of the last 3 s, if it got there; ``heading_deg`` the
+    largest deviation of the heading from the reference's.
+    """
 
     number: int
     outcome: str
     end_s: float
     late_m: float | None
+    heading_deg: float
     ladder: Mapping[str, int]
-    cpu_s: float
 
 
 def start(seed: int, number: int) -> dict[str, float]:
@@ -94,7 +97,6 @@ def fly(cell: Cell, seed: int, number: int) -> Run:
     from orchestrator.figures.deviation import POSE, REFERENCE, VELOCITY, deviation
     from orchestrator.flight import fly as fly_scenario
 
-    begin = process_time()
     flight = fly_scenario(SCENARIO, overrides(cell, seed, number))
     trace = flight.trace
     off = deviation(
@@ -106,9 +108,13 @@ def fly(cell: Cell, seed: int, number: int) -> Run:
     arrived = flight.result.outcome == "flown"
     late = float(np.abs(off.height[off.time >= end - LATE - 1e-9]).max()) if arrived else None
     return Run(
-        number, flight.metrics["outcome"], end, late, flight.metrics["ladder"],
-        process_time() - begin,
-    )  # fmt: skip
+        number=number,
+        outcome=flight.metrics["outcome"],
+        end_s=end,
+        late_m=late,
+        heading_deg=flight.metrics["heading_max_deg"],
+        ladder=flight.metrics["ladder"],
+    )
 
 
 def _fly(task: tuple[Cell, int, int]) -> tuple[Cell, Run]:
@@ -140,7 +146,9 @@ def summary(cell: Cell, runs: list[Run]) -> dict:
     heading = sum(run.outcome == "departed" and run.late_m is not None for run in runs)
     ladder = sum((Counter(run.ladder) for run in runs), Counter())
     rejected = [run.ladder["old tail"] + run.ladder["trim"] for run in runs]
-    worst = sorted(runs, key=lambda run: (run.late_m is None, run.late_m or -run.end_s))
+    turned = np.array([run.heading_deg for run in runs])
+    lost = [run for run in runs if run.outcome != "flown"]
+    worst = sorted((run for run in runs if run.late_m is not None), key=lambda run: -run.late_m)
     found = {
         **asdict(cell),
         "functions_per_channel": BASES[cell.basis],
@@ -158,11 +166,12 @@ def summary(cell: Cell, runs: list[Run]) -> dict:
             rung: ladder[rung] for rung in ("full step", "shorter step", "old tail", "trim")
         },
         "rejected_steps_max": max(rejected),
-        "worst": [
-            {"run": run.number, "outcome": run.outcome, "end_s": run.end_s, "late_m": run.late_m}
-            for run in worst[:-4:-1]
-        ],
-        "cpu_s_per_flight": round(float(np.median([run.cpu_s for run in runs])), 2),
+        "heading_off_deg": {"median": float(np.median(turned)), "max": float(turned.max())},
+        "lost": {
+            run.number: f"{run.outcome} ({run.heading_deg:.0f} deg, {run.end_s:g} s)"
+            for run in lost
+        },
+        "worst": {run.number: run.late_m for run in worst[:3]},
     }
     if cell.form == "attitude":
         bar = BARS[cell.basis]
@@ -173,33 +182,37 @@ def summary(cell: Cell, runs: list[Run]) -> dict:
 
 def table(cells: list[dict]) -> str:
     """Return summaries as a Markdown table."""
-    head = [
-        "form, preset, basis", "runs", "departed (by heading alone)", "collided", "other",
-        "late height error, m: median", "95 %", "max", "bar", "met",
-        "updates: full / shorter / rejected", "most rejected in a flight",
-    ]  # fmt: skip
-    rows = []
+    rows = [
+        (
+            "form, preset, basis",
+            "departed (by heading alone) / collided / other, of",
+            "late height error, median / 95 % / max (m)",
+            "bar",
+            "heading off, median / max (deg)",
+            "updates: full / shorter / no step",
+            "most without a step",
+        ),
+        ("---",) * 7,
+    ]
     for found in cells:
-        outcomes, late = found["outcomes"], found["late_height_error_m"]
+        outcomes, late, steps = found["outcomes"], found["late_height_error_m"], found["updates"]
         other = found["runs"] - sum(outcomes.get(k, 0) for k in ("flown", "departed", "collision"))
-        steps = found["updates"]
-        rejected = steps["old tail"] + steps["trim"]
+        departed = f"{outcomes.get('departed', 0)} ({found['departed_by_heading_alone']})"
+        verdict = {True: "met", False: "**not met**", None: ""}[found.get("bar_met")]
+        heading = found["heading_off_deg"]
         rows.append(
-            [
+            (
                 Cell(found["form"], found["preset"], found["basis"]).title,
-                found["runs"],
-                f"{outcomes.get('departed', 0)} ({found['departed_by_heading_alone']})",
-                outcomes.get("collision", 0),
-                other,
-                *(f"{late[key]:.2f}" if late else "-" for key in ("median", "p95", "max")),
-                found.get("bar_m", "-"),
-                {True: "yes", False: "**no**", None: "-"}[found.get("bar_met")],
-                f"{steps['full step']} / {steps['shorter step']} / {rejected}",
-                found["rejected_steps_max"],
-            ]
+                f"{departed} / {outcomes.get('collision', 0)} / {other}, {found['runs']}",
+                " / ".join(f"{value:.2f}" for value in late.values()) if late else "",
+                f"{found['bar_m']:g} m: {verdict}" if verdict else "",
+                f"{heading['median']:.0f} / {heading['max']:.0f}",
+                f"{steps['full step']} / {steps['shorter step']} / "
+                + str(steps["old tail"] + steps["trim"]),
+                str(found["rejected_steps_max"]),
+            )
         )
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def main() -> None:

@@ -8,6 +8,7 @@ import pytest
 from hand_flight import flat, hills
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from linear_model import LinearModel, aim_at, straight_path
 
 from controller import optimise
 from controller.course import make_course
@@ -107,6 +108,28 @@ def test_an_update_never_makes_the_shifted_plan_worse(form, data):
         assert np.all(memory.plan.commands <= model.command_max)
         np.testing.assert_array_equal(memory.plan.commands[: memory.plan.horizon], best.u)
     assert rungs <= set(range(4))
+
+
+def test_a_step_into_what_does_not_fly_is_never_taken():
+    """Of a full step that departs only as much is taken as still flies."""
+
+    class Brittle(LinearModel):
+        thrust_off_trim = np.inf
+
+        def rollout(self, state, commands, wind, bias):
+            off = np.abs(commands[:, :, 0] - 1.0).max(axis=1)
+            flight = super().rollout(state, commands, wind, bias)
+            return flight._replace(valid=off < self.thrust_off_trim)
+
+    model = Brittle()
+    state, command, _ = model.trim(30.0)
+    state[2] = -99.0  # a metre below the reference
+    aim = aim_at(straight_path(), empty_map(10.0), model, 200)
+    start = design(P, model, 200), state, np.tile(command, (200, 1)), np.zeros(3), aim
+    full = optimise.optimise(*start)
+    assert full.step == 1.0
+    model.thrust_off_trim = 0.6 * np.abs(full.u[:, 0] - 1.0).max()
+    assert optimise.optimise(*start).step == 0.5
 
 
 def test_from_a_cold_start_a_few_passes_are_made():
