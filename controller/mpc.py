@@ -104,6 +104,8 @@ class BasisMpc:
                 self._measured |= name.startswith("state.")
                 self._inputs[name] = np.array(value) if isinstance(value, np.ndarray) else value
             elif name in TUNABLE:
+                if not float(value) > 0 and not (value == 0 and name.endswith("_weight")):
+                    raise ValueError(f"{name}: out of range, got {value:g}, expected above 0")
                 self._parameters = replace(self._parameters, **{name: float(value)})
             else:
                 raise unknown(name, [*self._inputs, *TUNABLE])

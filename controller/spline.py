@@ -1,7 +1,8 @@
 """Uniform cubic B-splines over the station: what lateral offset and altitude are made of.
 
 On span i, where the station s is KNOT_M (i + t) with 0 <= t <= 1, the value is
-sum_a w_a(t) c[i + a], a = 0..3. Coefficients that are kept keep position, slope and curvature continuous for whatever is planned after them.
+sum_a w_a(t) c[i + a], a = 0..3. Coefficients that are kept keep position, slope and curvature
+continuous for whatever is planned after them.
 """
 
 import numpy as np

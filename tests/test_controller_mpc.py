@@ -366,3 +366,12 @@ def test_a_new_set_height_is_flown():
     assert heights[-1] == pytest.approx(15.0, abs=0.05)
     assert max(heights) < 15.2
     assert outputs_of(flight.mpc) == flight.outputs
+
+
+@pytest.mark.parametrize(("name", "value"), [("speed_mps", 0.0), ("altitude_weight", -1.0)])
+def test_a_tunable_out_of_range_is_refused(name, value):
+    """A tunable parameter that no plan could use is a ValueError that names it."""
+    mpc = BasisMpc(MpcParameters(), prediction_model=HelicopterModel(ModelParameters()))
+    with pytest.raises(ValueError, match=f"{name}: out of range"):
+        mpc.set({name: value})
+    mpc.set({"altitude_weight": 0.0})
