@@ -18,7 +18,7 @@ fly: .venv/.ready  ## fly 60 s across the Jacksboro fault; leaves jacksboro.mcap
 	@$(BIN)/hedgehop run scenarios/jacksboro.yaml
 
 test: .venv/.ready  ## run the tests; narrow them with ARGS='-k terrain'
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python -m pytest --numprocesses 2 $(ARGS)
 
 check: lint format types imports scenarios schema viewers  ## everything else CI asks for; -k goes on after a failure
 

@@ -99,7 +99,7 @@ def quadratic_programme(
 ) -> qp.QPData:
     """Assemble eq. 7 with its limits from an identified response.
 
-    Hard: actuators at every sample; attitude at every fourth. Soft: clearance over the sensed terrain.
+    Hard: actuators at every sample, attitude and heading deviation at every fourth. Soft: clearance.
     """
     weights = aim.weights
     y0, S = response.nominal[rows], response.S
@@ -116,6 +116,13 @@ def quadratic_programme(
     hard = [
         qp.bounds(S[7:], y0[7:], model.actuator_min, model.actuator_max),
         qp.bounds(S[5:7], y0[5:7], -weights.attitude_limit, weights.attitude_limit, ATTITUDE_EVERY),
+        qp.bounds(
+            S[3:4],
+            y0[3:4] - target.heading,
+            -weights.heading_limit,
+            weights.heading_limit,
+            ATTITUDE_EVERY,
+        ),
     ]
     chosen = slice(ATTITUDE_EVERY - 1, None, ATTITUDE_EVERY)
     h, h_n, h_e = heights(aim.terrain_map, y0[0, chosen], y0[1, chosen])

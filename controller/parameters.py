@@ -60,6 +60,9 @@ class MpcParameters:
     attitude_limit_deg: Annotated[
         float, Interval(gt=0, lt=80), "limit of roll and pitch in a plan"
     ] = 50.0
+    heading_limit_deg: Annotated[
+        float, Interval(gt=0, lt=180), "limit of the heading's deviation in a plan"
+    ] = 30.0
     clearance_min_m: Annotated[float, Ge(0), "soft limit of the clearance in a plan"] = 5.0
     clearance_penalty: Annotated[
         tuple[float, float],
@@ -102,6 +105,7 @@ def weights(p: MpcParameters, *, attitude_form: bool) -> Weights:
         R=p.actuator_weights,
         Rc=p.command_weights if attitude_form else (0.0, 0.0, 0.0, 0.0),
         attitude_limit=float(np.radians(p.attitude_limit_deg)),
+        heading_limit=float(np.radians(p.heading_limit_deg)),
         clearance=p.clearance_min_m,
         rho1=p.clearance_penalty[0],
         rho2=p.clearance_penalty[1],

@@ -45,6 +45,7 @@ class Weights(NamedTuple):
     R: tuple[float, float, float, float]
     Rc: tuple[float, float, float, float]
     attitude_limit: float
+    heading_limit: float
     clearance: float
     rho1: float
     rho2: float
@@ -151,6 +152,7 @@ def _costs(
                 J += R[c] * e_a * e_a + Rc[c] * e_c * e_c
             tilt = max(abs(Y[rows[5], k, n]), abs(Y[rows[6], k, n]))
             excess = max(excess, tilt - weights.attitude_limit)
+            excess = max(excess, abs(e_psi) - weights.heading_limit)
             if (k + 1) % every == 0:
                 h, _, _ = height_and_slope(terrain_map, north, east)
                 short = weights.clearance - (Y[rows[2], k, n] - h)
@@ -176,7 +178,7 @@ def costs(
     """Return (J without penalty, slack m, merit) of N true rollouts, (3, N).
 
     The merit adds the exact penalty of the clearance slack, as the quadratic programme has it, and
-    1e4 per radian beyond the attitude limit.
+    1e4 per radian beyond the limits of attitude and heading deviation.
 
     Parameters
     ----------

@@ -89,6 +89,7 @@ def aim_at(path, terrain_map, model, horizon, **weights):
         "R": (0.1, 1.0, 1.0, 1.0),
         "Rc": (0.0, 0.1, 0.1, 0.1),
         "attitude_limit": np.radians(50.0),
+        "heading_limit": np.radians(30.0),
         "clearance": 5.0,
         "rho1": 2e3,
         "rho2": 2e2,
