@@ -189,7 +189,7 @@ def test_attitude_beyond_the_limit_costs_ten_thousand_per_radian():
     path = straight_path()
     Y = level(path, 2)
     Y[5, 3, 1], Y[6, 9, 1] = -0.9, 0.8
-    J, _, merit = cost_of(Y, path, attitude_limit=0.7)
+    J, _, merit = cost_of(Y, path, attitude_limit=0.7, heading_limit=9.0)
     np.testing.assert_allclose(merit - J, [0.0, 1e4 * 0.2], rtol=1e-9)
 
 
@@ -246,7 +246,9 @@ def test_the_predicted_cost_of_a_linear_model_is_its_true_cost(rng, chi, slope, 
     path = straight_path(chi, slope=slope)
     ground = plane_map(94.0, slope * np.cos(chi), slope * np.sin(chi))
     state, u0 = start(rng)
-    data, response, target, aim = programme(path, ground, state, u0, attitude_limit=9.0)
+    data, response, target, aim = programme(
+        path, ground, state, u0, attitude_limit=9.0, heading_limit=9.0
+    )
     alpha = size * rng.normal(size=len(data.f))
     u = u0 + (response.Phi @ alpha).T
     assert predicted_cost(data, alpha) == pytest.approx(
