@@ -1,7 +1,8 @@
 """Run every benchmark but the study of random starts, and print the figures beside their targets.
 
-Targets are CPU time on a quiet machine; a shared one easily takes half as much again, so nothing
-fails here. The floor of an update, measured in the same minute, tells how fast the machine was.
+Nothing fails here: the speed of a shared machine varies by half. A flight is therefore judged twice, by
+its median and by the least of every stretch, which falls with the number of repetitions; the floor of
+an update, measured in the same minute, tells how fast the machine was.
 """
 
 import argparse
@@ -40,7 +41,9 @@ def rows(found):
         yield f"MPC update, {case}, ms (median)", update["median"]["whole update"], None
         yield f"  lane kernel alone: the floor, {case}, ms", update["median"]["floor"], None
     for case, whole in found["flight_ms_per_s"].items():
-        yield f"whole run, {case}, ms per simulated s (least)", whole["least"], whole["target"]
+        for statistic in ("median", "least"):
+            name = f"whole run, {case}, ms per simulated s ({statistic})"
+            yield name, whole[statistic], whole["target"]
     yield "orchestrator per plant step, us", found["overhead_us_per_step"], OVERHEAD_TARGET
 
 
@@ -62,7 +65,7 @@ def main():
     for quantity, figure, target in rows(found):
         met = "" if target is None else "met" if figure <= target else "NOT MET"
         bound = "" if target is None else f"{target:.0f}"
-        print(f"{quantity:48}{figure:8.2f}{bound:>8}  {met}".rstrip())
+        print(f"{quantity:52}{figure:8.2f}{bound:>8}  {met}".rstrip())
     if arguments.json:
         arguments.json.write_text(json.dumps(found, indent=2) + "\n")
 
