@@ -73,6 +73,11 @@ def advance(path: Path, station: float, period: float, number: int) -> Floats:
     return out
 
 
+def on_branch(heading: Floats, measured: float) -> Floats:
+    """Return unwrapped headings (K,), rad, moved by whole turns: the first is near ``measured``."""
+    return heading + 2.0 * np.pi * np.round((measured - heading[0]) / (2.0 * np.pi))
+
+
 def targets(
     path: Path, north: Floats, east: Floats, near: float, period: float, heading: float
 ) -> Targets:
@@ -94,7 +99,6 @@ def targets(
     ahead = advance(path, station[0], period, len(station) - 1)
     at = sample_path(path, station)
     goal = sample_path(path, np.concatenate([station[:1], ahead]))
-    turns = np.round((heading - at.heading[0]) / (2.0 * np.pi))
     return Targets(
         nominal_north=north,
         nominal_east=east,
@@ -103,7 +107,7 @@ def targets(
         east=goal.east,
         altitude=at.altitude,
         slope=at.slope,
-        heading=at.heading + 2.0 * np.pi * turns,
+        heading=on_branch(at.heading, heading),
         speed=at.speed,
         tangent_north=np.cos(at.heading),
         tangent_east=np.sin(at.heading),

@@ -17,7 +17,7 @@ from controller.parameters import MpcParameters, reference_parameters, weights
 from controller.prediction import PredictionModel
 from controller.reference import Reference, extend, project, sample, start
 from controller.terrain_map import TerrainMap
-from controller.tracking import advance
+from controller.tracking import advance, on_branch
 
 Floats = NDArray[np.float64]
 LADDER = ("full step", "shorter step", "old tail", "trim")
@@ -191,8 +191,7 @@ def _aim(task: Task, p: MpcParameters, memory: Memory, begin: Floats, H: int) ->
     path = memory.reference.path
     station = project(path, float(begin[0]), float(begin[1]), memory.station)
     along = advance(path, station, task.model.sample_period, H)
-    heading = sample(memory.reference, along).heading
-    heading = heading + 2 * np.pi * np.round((begin[8] - heading[0]) / (2 * np.pi))
+    heading = on_branch(sample(memory.reference, along).heading, float(begin[8]))
     return Aim(
         path=path,
         near=station,

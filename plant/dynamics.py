@@ -282,7 +282,7 @@ def derivative_collective(x, u, wind, ground, bias, p):
     """Return the state's rate for the collective and pedal plant; arguments as :func:`derivative`.
 
     ``x[14]`` is the induced velocity, m/s, with the apparent mass of the air in the disc. The pedal
-    enters linearly, through its gain T_th, so its allocation is exact and cancels.
+    enters linearly, so whatever its gain, its allocation is exact and cancels.
     """
     T, v_i, flow, air, angles, act = collective_thrust(x, u, wind, p)
     through = flow[6] + v_i

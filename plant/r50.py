@@ -50,7 +50,6 @@ class Constants(NamedTuple):
     T_v: float = 1.9  # N s/m, tail-rotor damping [D]
     K_gyro: float = 0.0  # G s/rad, yaw gyro
     TQFF: float = 0.0  # torque feed-forward, 0 or 1
-    T_th: float = 0.6  # G/rad, pedal gain of the collective plant [E]
     S_x: float = 0.30  # m2, fuselage drag areas [E]
     S_y: float = 0.90
     S_z: float = 0.60
