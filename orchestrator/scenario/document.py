@@ -16,7 +16,11 @@ Variable = Annotated[
     Field(examples=["component.variable"]),
 ]
 Use = Annotated[
-    str, Field(description="module:attribute, or the name of an installed component", min_length=1)
+    str,
+    Field(
+        description="module:attribute, an installed component's name, an FMU or a recording",
+        min_length=1,
+    ),
 ]
 Parameters = Annotated[
     dict[str, Any],
@@ -52,15 +56,29 @@ class Component(_Keys):
     on_discard: Annotated[
         Literal["end", "hold", "retry"], Field(description="policy for a refused step")
     ] = "end"
-    on_error: Annotated[Literal["end", "hold"], Field(description="policy for a failed step")] = (
-        "end"
-    )
+    on_error: Annotated[
+        Literal["end", "hold", "restart"], Field(description="policy for a failed step")
+    ] = "end"
     on_nonfinite: Annotated[
         Literal["end", "hold"], Field(description="policy for a NaN or infinite output")
     ] = "end"
+    on_range: Annotated[
+        Literal["log", "hold", "end"],
+        Field(description="policy for an output outside its declared min and max"),
+    ] = "log"
     on_overrun: Annotated[
         Literal["log", "hold", "end"], Field(description="policy for a missed deadline_s")
     ] = "log"
+    isolation: Annotated[
+        Literal["none", "process"], Field(description="where it runs: process, in one of its own")
+    ] = "none"
+    timeout_s: Annotated[
+        PositiveFloat | None,
+        Field(description="wall-clock time after which an isolated component is given up"),
+    ] = None
+    fmu: Annotated[
+        dict[str, Any], Field(description="how an FMU is taken in: arrays, kind, event_mode, ...")
+    ] = {}
 
 
 class Connection(_Keys):

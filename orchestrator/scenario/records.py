@@ -29,10 +29,18 @@ class ComponentSpec:
         Sampled components: from the release, when inputs are read, to the outputs' validity, s.
     deadline_s : float or None
         Wall-clock time one step may take, s; None supervises nothing.
-    on_discard, on_error, on_nonfinite, on_overrun : str
-        Policy for a refused step, a failed step or an exception, a NaN or infinite output, and a
-        step that took longer than ``deadline_s``. ``hold`` keeps the last outputs and flies on: a
-        refused step is asked for again at the next instant, a failed component no more.
+    isolation : str
+        ``process`` runs it in a process of its own, which may crash or hang without harm.
+    timeout_s : float or None
+        Wall-clock time after which an isolated component that does not answer is given up, s.
+    on_discard, on_error, on_nonfinite, on_range, on_overrun : str
+        Policy for a refused step, a failed step or an exception, a NaN or infinite output, an
+        output outside its declared min and max, and a step that took longer than ``deadline_s``.
+        ``hold`` keeps the last outputs and flies on: a refused step is asked for again at the next
+        instant, a failed component no more. ``restart``, of an isolated component whose state can
+        be saved: a new process goes on from the state before the failed step.
+    fmu : mapping
+        How an FMU is taken in; see :class:`orchestrator.fmu.component.FmuParameters`.
     """
 
     name: str
@@ -42,9 +50,13 @@ class ComponentSpec:
     latency_s: float = 0.0
     deadline_s: float | None = None
     on_discard: Literal["end", "hold", "retry"] = "end"
-    on_error: Literal["end", "hold"] = "end"
+    on_error: Literal["end", "hold", "restart"] = "end"
     on_nonfinite: Literal["end", "hold"] = "end"
+    on_range: Literal["log", "hold", "end"] = "log"
     on_overrun: Literal["log", "hold", "end"] = "log"
+    isolation: Literal["none", "process"] = "none"
+    timeout_s: float | None = None
+    fmu: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 @dataclass(frozen=True)
