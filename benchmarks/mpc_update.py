@@ -97,7 +97,7 @@ def floor(number):
     """Return what the lane kernel takes for the rollouts of one update, s, twenty times over."""
     craft = rotorcraft(ModelParameters())
     level = craft.trim(30.0)
-    command, still = craft.trim_command(level), (0.0, 0.0, 0.0)
+    command, still = craft.trim_command(level), np.zeros(3)
 
     def rollout(trajectories):
         N = -(-trajectories // lanes.LANES) * lanes.LANES
@@ -107,7 +107,7 @@ def floor(number):
         last, valid = np.empty((N, len(level.state))), np.empty(N, np.bool_)
         begin = process_time()
         kernels.roll_thrust(
-            state, commands, still, still, craft.p, 0.05 / craft.substeps, craft.substeps,
+            state, commands, still, still, craft.constants, 0.05 / craft.substeps, craft.substeps,
             craft.over_terrain, craft.grid, out, last, valid,
         )  # fmt: skip
         return process_time() - begin

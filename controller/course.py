@@ -162,7 +162,7 @@ def _chord(length: Array, heading: Array, curvature: Array) -> Array:
     return np.stack((chord * np.cos(heading + half), chord * np.sin(heading + half)), axis=-1)
 
 
-@kernel()
+@kernel
 def position(course: Course, station: float, offset: float) -> tuple[float, float]:
     """Return north, east (m) at a station and an offset to the right, held straight at the ends."""
     x = station - course.first
@@ -176,13 +176,13 @@ def position(course: Course, station: float, offset: float) -> tuple[float, floa
     return north - offset * np.sin(heading), east + offset * np.cos(heading)
 
 
-@kernel()
+@kernel
 def _between(path: Path, station: float) -> tuple[int, float]:
     k = min(max(int(np.floor(station - path.start)), 0), path.north.size - 2)
     return k, station - path.start - k
 
 
-@kernel()
+@kernel
 def sample_path(path: Path, stations: Array) -> Samples:
     """Return the samples at stations (K,), linear between metres; held straight at the ends."""
     n = stations.size
@@ -199,7 +199,7 @@ def sample_path(path: Path, stations: Array) -> Samples:
     return Samples(out[0], out[1], out[2], out[3], out[4], out[5])
 
 
-@kernel()
+@kernel
 def project(path: Path, north: float, east: float, near: float) -> float:
     """Return the station of the path's point nearest to a position, searched from ``near``.
 

@@ -111,7 +111,7 @@ def least_gradient(
     )
 
 
-@kernel()
+@kernel
 def _viterbi(
     terrain_map: TerrainMap,
     course: Course,

@@ -76,7 +76,7 @@ def stack_bases(bases: Sequence[Floats]) -> Floats:
     return Phi
 
 
-@kernel()
+@kernel
 def _differences(Y: Floats, rows: NDArray[np.int64], scale: Floats, S: Floats) -> bool:
     """Write S[i, k, j] = (Y[row i, k, j + 1] - Y[row i, k, 0]) scale[j]; return whether finite."""
     total = 0.0

@@ -103,7 +103,7 @@ def plan_altitude(
     return new, "capped" if capped else "strained" if strained else "fitted"
 
 
-@kernel()
+@kernel
 def _attainable(kept: Array, old: Array, up: Array, slope: float) -> Array:
     """Return the altitude (samples,) above which no clearance is demanded.
 
@@ -132,13 +132,13 @@ def _attainable(kept: Array, old: Array, up: Array, slope: float) -> Array:
     return cap
 
 
-@kernel()
+@kernel
 def _put(A: Array, row: int, first: int, w: Weights) -> None:
     for a in range(4):
         A[row, first + a] = w[a]
 
 
-@kernel()
+@kernel
 def _rows(
     kept: Array, floor: Array, up: Array, down: Array, slope: float
 ) -> tuple[Array, Array, Array, NDArray[np.int32]]:
@@ -196,7 +196,7 @@ def unhindered_speed(start: float, distance: Array, limits: Limits) -> Array:
     return np.maximum(np.minimum(faster, limits.speed), slower)
 
 
-@kernel()
+@kernel
 def plan_speed(
     start: float, known: int, slope: Array, bend: Array, turn: Array, limits: Limits
 ) -> Array:

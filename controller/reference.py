@@ -319,7 +319,7 @@ def _fill_start(target: Array, start: int, altitude: float) -> None:
         target[:first] = np.polyval(np.polyfit(x, [altitude, *target[x[1:]]], 2), before)
 
 
-@kernel()
+@kernel
 def _ground_along(
     terrain_map: TerrainMap, course: Course, lateral: Array, knot: int, gap: int
 ) -> Array:
@@ -346,7 +346,7 @@ def _ground_along(
     return h[: last + 1]
 
 
-@kernel()
+@kernel
 def _trace(
     course: Course, lateral: Array, altitude: Array, knot: int
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array]:

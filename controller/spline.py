@@ -16,7 +16,7 @@ Weights = tuple[float, float, float, float]
 KNOT_M = 20.0
 
 
-@kernel()
+@kernel
 def weights(t: float) -> Weights:
     """Return the B-spline weights of the four coefficients of a span at t in [0, 1]."""
     r = 1.0 - t
@@ -28,7 +28,7 @@ def weights(t: float) -> Weights:
     )
 
 
-@kernel()
+@kernel
 def slope_weights(t: float) -> Weights:
     """Return the weights of the first derivative by s (1/m)."""
     r = 1.0 - t
@@ -36,7 +36,7 @@ def slope_weights(t: float) -> Weights:
     return (-r * r * k, (3.0 * t * t - 4.0 * t) * k, (4.0 * r - 3.0 * r * r) * k, t * t * k)
 
 
-@kernel()
+@kernel
 def curvature_weights(t: float) -> Weights:
     """Return the weights of the second derivative by s (1/m^2)."""
     r = 1.0 - t
@@ -44,14 +44,14 @@ def curvature_weights(t: float) -> Weights:
     return (r * k, (3.0 * t - 2.0) * k, (3.0 * r - 2.0) * k, t * k)
 
 
-@kernel()
+@kernel
 def evaluate(coefficients: Array, span: int, w: Weights) -> float:
     """Return sum_a w_a c[span + a]."""
     c = coefficients
     return w[0] * c[span] + w[1] * c[span + 1] + w[2] * c[span + 2] + w[3] * c[span + 3]
 
 
-@kernel()
+@kernel
 def normal_equations(
     kept: Array, values: Array, per_span: int, smoothing: float
 ) -> tuple[Array, Array]:
@@ -87,7 +87,7 @@ def normal_equations(
     return H[m:, m:].copy(), f[m:].copy()
 
 
-@kernel()
+@kernel
 def hold(coefficients: Array, size: int, low: float, high: float, curvature: float) -> Array:
     """Return coefficients lengthened to ``size``: the slope moves into [low, high] and stays there.
 

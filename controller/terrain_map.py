@@ -101,12 +101,12 @@ def heights(terrain_map: TerrainMap, north: ArrayLike, east: ArrayLike) -> tuple
     return tuple(out.reshape(3, *n.shape))
 
 
-@kernel(inline="always")
+@kernel
 def _address(row: int, column: int) -> int:
     return (row << 32) + (column & 0xFFFFFFFF)
 
 
-@kernel()
+@kernel
 def _write(
     terrain_map: TerrainMap,
     first: int,
@@ -133,13 +133,13 @@ def _write(
         terrain_map.source[i, j] = source[c]
 
 
-@kernel()
+@kernel
 def _cell(key: NDArray[np.int64], elevation: Array, row: int, column: int) -> float:
     i, j = row & (key.shape[0] - 1), column & (key.shape[0] - 1)
     return float(elevation[i, j]) if key[i, j] == _address(row, column) else np.nan
 
 
-@kernel()
+@kernel
 def _row(
     key: NDArray[np.int64], elevation: Array, row: int, column: int
 ) -> tuple[float, float, float, float]:
@@ -152,13 +152,13 @@ def _row(
     )
 
 
-@kernel(inline="always")
+@kernel
 def _beyond(value: float, near: float, far: float) -> float:
     """Return the cell, or where it is not sensed the line through its two inner neighbours."""
     return 2.0 * near - far if np.isnan(value) else value
 
 
-@kernel()
+@kernel
 def _convolve(a: float, b: float, c: float, d: float, t: float) -> tuple[float, float]:
     """Return Keys' cubic through b (t = 0) and c (t = 1), and its derivative by t."""
     p1 = 0.5 * (c - a)
@@ -167,7 +167,7 @@ def _convolve(a: float, b: float, c: float, d: float, t: float) -> tuple[float, 
     return b + t * (p1 + t * (p2 + t * p3)), p1 + t * (2.0 * p2 + t * 3.0 * p3)
 
 
-@kernel()
+@kernel
 def height_and_slope(
     terrain_map: TerrainMap, north: float, east: float
 ) -> tuple[float, float, float]:
@@ -207,7 +207,7 @@ def height_and_slope(
     return h, h_x / terrain_map.cell_size, h_y / terrain_map.cell_size
 
 
-@kernel()
+@kernel
 def _heights(terrain_map: TerrainMap, north: Array, east: Array, out: Array) -> None:
     for k in range(north.size):
         out[0, k], out[1, k], out[2, k] = height_and_slope(terrain_map, north[k], east[k])

@@ -51,7 +51,7 @@ class Weights(NamedTuple):
     rho2: float
 
 
-@kernel()
+@kernel
 def _stations(path: Path, north: Floats, east: Floats, near: float) -> Floats:
     """Return the stations abeam of successive positions."""
     out = np.empty(north.shape[0])
@@ -61,7 +61,7 @@ def _stations(path: Path, north: Floats, east: Floats, near: float) -> Floats:
     return out
 
 
-@kernel()
+@kernel
 def advance(path: Path, station: float, period: float, number: int) -> Floats:
     """Return the stations (number,) after 1, 2, ... sample periods (s) at the reference speed."""
     out = np.empty(number)
@@ -114,14 +114,14 @@ def targets(
     )
 
 
-@kernel()
+@kernel
 def _altitude(path: Path, station: float) -> float:
     x = (station - path.start) / path.spacing
     k = min(max(int(np.floor(x)), 0), path.altitude.shape[0] - 2)
     return path.altitude[k] + (x - k) * (path.altitude[k + 1] - path.altitude[k])
 
 
-@kernel()
+@kernel
 def _costs(
     Y: Floats,
     rows: NDArray[np.int64],

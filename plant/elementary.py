@@ -2,7 +2,7 @@
 
 The dynamics call ``sincos``, ``sqrt``, ``select`` and ``nearest`` and nothing else. The plain ones
 are here under those names; :data:`COMPILED` holds their twins for lane kernels, which contain no
-branch and no call, so that LLVM vectorises the loop around them.
+branch and no call, so that LLVM vectorises the loop around them. :func:`wide` says how wide.
 """
 
 import math
@@ -11,11 +11,17 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 import numba
+from numba.extending import intrinsic
 
 sqrt = math.sqrt
-# contract: multiply-adds fuse; arcp: division by a constant becomes multiplication;
-# error_model: no zero-division branch
-inline = numba.njit(forceinline=True, fastmath={"contract", "arcp"}, error_model="numpy")
+_INLINE: dict[str, Any] = {
+    "forceinline": True,
+    "fastmath": {"contract", "arcp"},  # multiply-adds fuse; x / constant is x times its reciprocal
+    "error_model": "numpy",  # no zero-division branch
+    "no_cpython_wrapper": True,  # only kernels call it
+    "no_cfunc_wrapper": True,
+}
+inline = numba.njit(**_INLINE)
 
 
 def sincos(x: float) -> tuple[float, float]:
@@ -31,6 +37,13 @@ def select(condition: bool, yes: float, no: float) -> float:
 def nearest(x: float) -> float:
     """Return the nearest integer as a float, ties to even."""
     return float(round(x))
+
+
+def wide() -> None:
+    """Do nothing. Compiled: allow vectors of 512 bits in the function that calls this.
+
+    LLVM prefers 256 bits even where a processor has 512; one without them is not affected.
+    """
 
 
 def inject(
@@ -106,11 +119,26 @@ def _sincos(x: float) -> tuple[float, float]:
     )
 
 
+@intrinsic
+def _wide(typing_context: Any) -> Any:
+    """Set the calling function's attribute: unlike LLVM's CPU features it is not of the process."""
+    del typing_context
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        del signature, arguments
+        # llvmlite's own ``add`` knows no attributes with a value
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return numba.types.none(), generate
+
+
 COMPILED: dict[str, Callable[..., Any]] = {
     "sincos": _sincos,
     "sqrt": _sqrt,
     "select": _select,
     "nearest": _nearest,
+    "wide": _wide,
 }
 
 

@@ -8,15 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant import kernels, lanes
-from plant.helicopter_variables import (
-    ACTUATOR,
-    OUTCOMES,
-    POSE,
-    STATE,
-    VELOCITY,
-    WIND,
-    helicopter_variables,
-)
+from plant.helicopter_variables import OUTCOMES, OUTPUTS, WIND, helicopter_variables
 from plant.prediction import HelicopterModel, ModelParameters
 from plant.rotorcraft import COMMANDS, ROTOR, SAMPLE_PERIOD, rotorcraft
 from plant.start import HelicopterParameters, Perturbation, starting_state
@@ -27,7 +19,7 @@ __all__ = [
     "Helicopter", "HelicopterModel", "HelicopterParameters", "ModelParameters", "Perturbation",
 ]  # fmt: skip
 
-_STILL = (0.0, 0.0, 0.0)
+_STILL = np.zeros(3)
 
 
 class Helicopter:
@@ -48,12 +40,11 @@ class Helicopter:
         self._terrain = terrain
         self._craft = rotorcraft(parameters, terrain)
         form = COMMANDS[parameters.command]
-        self._columns = {f"command.{name}": c for c, name in enumerate(form)}
+        self._inputs = {name: i for i, name in enumerate((*(f"command.{n}" for n in form), *WIND))}
         command = self._craft.trim_command(self._craft.trim(parameters.speed_mps))
         if form[3] == "heading":
             command[3] += math.radians(parameters.heading_deg)
-        self._commands = np.tile(command, (lanes.LANES, 1, 1))
-        self._wind = [0.0, 0.0, 0.0]
+        self._input = np.concatenate([command, _STILL])
         self._variables = helicopter_variables(self._craft, form)
         self._start()
 
@@ -73,12 +64,9 @@ class Helicopter:
     def set(self, values: Mapping[str, Any]) -> None:
         """Set inputs; they act from the next step on, until set again."""
         for name, value in values.items():
-            if name in self._columns:
-                self._commands[:, 0, self._columns[name]] = value
-            elif name in WIND:
-                self._wind[WIND.index(name)] = float(value)
-            else:
-                raise unknown(name, [*self._columns, *WIND])
+            if name not in self._inputs:
+                raise unknown(name, self._inputs)
+            self._input[self._inputs[name]] = value
 
     def get(self, names: Sequence[str]) -> dict[str, Any]:
         """Return values as of the end of the last step, under the inputs that acted in it."""
@@ -95,7 +83,9 @@ class Helicopter:
                 f"helicopter: wrong step size, got {step_size:g} s, expected {SAMPLE_PERIOD} s"
             )
         if self._outputs["outcome"] == 0:
-            rollout = self._craft.roll(self._lanes, self._commands, self._wind, _STILL)
+            commands = np.empty((lanes.LANES, 1, 4))
+            commands[:] = self._input[:4]
+            rollout = self._craft.roll(self._lanes, commands, self._input[4:], _STILL)
             self._lanes = rollout.last
             self._read(valid=bool(rollout.valid[0]))
         return 0
@@ -105,11 +95,17 @@ class Helicopter:
 
     def get_state(self) -> bytes:
         """Return everything that the next step depends on."""
-        return pickle.dumps((self._lanes, self._commands, self._wind, self._outputs))
+        return pickle.dumps((self._lanes, self._input, self._outputs))
 
     def set_state(self, state: bytes) -> None:
         """Restore what :meth:`get_state` returned, bit for bit."""
-        self._lanes, self._commands, self._wind, self._outputs = pickle.loads(state)  # noqa: S301
+        self._lanes, self._input, self._outputs = pickle.loads(state)  # noqa: S301
+
+    def c_source(self) -> Any:
+        """Return what this vehicle as C is made of, :class:`plant.source.sources.Source`."""
+        from plant.source.sources import helicopter_source
+
+        return helicopter_source(self._parameters, self._terrain)
 
     def _start(self) -> None:
         state = starting_state(self._parameters, self._craft, self._terrain)
@@ -120,8 +116,8 @@ class Helicopter:
         """Take the outputs from the state."""
         craft, x = self._craft, self._lanes[0].tolist()
         clearance, thrust, velocity, act, load = kernels.readings(
-            self._lanes[0], self._commands[0, 0], tuple(self._wind), craft.over_terrain, craft.grid,
-            craft.p, craft.collective,
+            self._lanes[0], self._input[:4], self._input[4:], craft.over_terrain, craft.grid,
+            craft.constants, craft.collective,
         )  # fmt: skip
         level = max(abs(x[6]), abs(x[7])) <= lanes.ATTITUDE_LIMIT
         if not (level and math.isfinite(sum(x))):
@@ -130,13 +126,8 @@ class Helicopter:
             outcome = OUTCOMES.index("left_terrain")
         else:
             outcome = OUTCOMES.index("collision") if clearance <= 0 else 0
-        values: dict[str, Any] = dict(zip(STATE, x, strict=True))
-        values[STATE[ROTOR]] = thrust
-        values.update(zip(POSE, (*x[:3], *x[6:9]), strict=True))
-        values.update(zip(VELOCITY, velocity, strict=True))
-        values.update(zip(ACTUATOR, act, strict=True))
-        values["clearance"] = -x[2] if math.isnan(clearance) else clearance
-        values["load_factor"] = load
-        values["outcome"] = outcome
-        values["valid"] = valid
-        self._outputs = values
+        if math.isnan(clearance):
+            clearance = -x[2]
+        x[ROTOR] = thrust
+        values = (*x, *x[:3], *x[6:9], *velocity, *act, clearance, load, outcome, valid)
+        self._outputs: dict[str, Any] = dict(zip(OUTPUTS, values, strict=True))

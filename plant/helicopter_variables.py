@@ -9,6 +9,7 @@ STATE = tuple(f"state.{name}" for name in STATES)
 POSE = tuple(f"pose.{name}" for name in (*AXES, "phi", "theta", "psi"))
 VELOCITY = tuple(f"velocity.{axis}" for axis in AXES)
 ACTUATOR = tuple(f"actuator.{name}" for name in COMMANDS["actuator"])
+OUTPUTS = (*STATE, *POSE, *VELOCITY, *ACTUATOR, "clearance", "load_factor", "outcome", "valid")
 WIND = tuple(f"wind.{axis}" for axis in AXES)
 _STATE_UNITS = (
     ("m",) * 3 + ("m/s",) * 3 + ("rad",) * 3 + ("rad/s",) * 3 + ("rad", "rad", "G", "rad", "rad")

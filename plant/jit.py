@@ -1,7 +1,9 @@
-"""Compile a kernel with numba, from a cache that cannot be stale.
+"""Compile a kernel with numba, from a cache that cannot be stale and depends on the sources alone.
 
 numba keys its disk cache on the caller's own file, so an edited *callee* goes unnoticed. Here the
-cache folder carries a hash of every source file of this package: any edit is a new folder. The
+cache folder carries a hash of every source file of this package: any edit is a new folder. And what
+a function does not say of its arithmetic it inherits from whichever caller happened to compile it
+first, relaxed mathematics included, and keeps in the cache: here every kernel says all of it. The
 user's own numba settings are left alone.
 """
 
@@ -27,18 +29,27 @@ def cache_folder() -> Path:
 
 
 _FOLDER = str(cache_folder())
+_OPTIONS: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "no_cfunc_wrapper": True,
+    # what numba would take from the first caller
+    "fastmath": False,
+    "error_model": "numpy",
+    "forceinline": False,
+}
 config: Any = _config  # its attributes are made at run time
 
 
-def kernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator: ``numba.njit`` without the GIL, cached under the hash of the sources."""
+def kernel(function: Callable[..., Any]) -> Any:
+    """Return the function compiled by ``numba.njit``, cached under the hash of the sources.
 
-    def compile_cached(function: Callable[..., Any]) -> Any:
-        users_folder = config.CACHE_DIR
-        config.CACHE_DIR = _FOLDER
-        try:
-            return numba.njit(cache=True, nogil=True, **options)(function)
-        finally:
-            config.CACHE_DIR = users_folder
-
-    return compile_cached
+    Without the GIL, in strict arithmetic whoever calls it; a division by zero gives an infinity or
+    NaN, not an exception.
+    """
+    users_folder = config.CACHE_DIR
+    config.CACHE_DIR = _FOLDER
+    try:
+        return numba.njit(**_OPTIONS)(function)
+    finally:
+        config.CACHE_DIR = users_folder

@@ -21,7 +21,7 @@ from plant.dynamics import (
     clip,
     derivative,
 )
-from plant.elementary import sincos, sqrt
+from plant.elementary import sincos, sqrt, wide
 from plant.terrain import height
 
 STATES = 17
@@ -65,6 +65,7 @@ def _accumulate(w, i, l, rate, step, weight):
 
 def _stage(w, wind, bias, p, step, weight):
     """Do one Runge-Kutta stage for all lanes: K += weight f(S), then S = X + step f(S)."""
+    wide()
     for l in range(LANES):
         f = derivative(_state(w, _S + l), _command(w, l), wind, w[_G + l], bias, p)
         _accumulate(w, 0, l, f[0], step, weight)
@@ -91,6 +92,7 @@ def advance(w, wind, bias, p, h):
 
     The flapping angles stop at :data:`FLAP_STOP`: without it they wind up past 90 degrees.
     """
+    wide()
     for i in range(STATES * LANES):
         w[_S + i] = w[i]
         w[_K + i] = 0.0
@@ -106,6 +108,7 @@ def advance(w, wind, bias, p, h):
 
 def _record(w, k, block, out):
     """Write the rows that hold at the end of sample k."""
+    wide()
     for l in range(LANES):
         x = _state(w, l)
         s_phi, c_phi = sincos(x[6])
@@ -149,6 +152,7 @@ def roll(x0, commands, wind, bias, p, h, substeps, ground, terrain, out, last, v
     valid : (N,) bool
         Written: finite, within :data:`ATTITUDE_LIMIT`, over known terrain.
     """
+    wide()
     w = np.zeros(_SIZE)
     for block in range(0, x0.shape[0], LANES):
         for l in range(LANES):

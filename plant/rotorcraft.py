@@ -6,7 +6,7 @@ last bit.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -70,9 +70,10 @@ class Rollout(NamedTuple):
 
 
 class Rotorcraft(NamedTuple):
-    """A helicopter ready to roll out."""
+    """A helicopter ready to roll out; ``constants`` is ``p`` as an array, for the kernels."""
 
     p: Constants
+    constants: Floats
     collective: bool
     attitude: bool
     substeps: int
@@ -109,14 +110,16 @@ class Rotorcraft(NamedTuple):
                 row[ROTOR] = dynamics.inflow(p.weight * max(x[ROTOR], 0.0), flow[7], flow[6], p)
         return own
 
-    def roll(self, own: Floats, commands: Floats, wind: Any, bias: Any) -> Rollout:
-        """Roll out own states (N, 17) under commands (N, H, 4); ``last`` holds own states."""
+    def roll(self, own: Floats, commands: Floats, wind: Floats, bias: Floats) -> Rollout:
+        """Roll out own states (N, 17) under commands (N, H, 4); ``last`` holds own states.
+
+        The kernel is one, of one type of arrays, so that equal inputs give equal bits.
+        """
         N, H, _ = commands.shape
         lanes_used = -(-N // lanes.LANES) * lanes.LANES
         if lanes_used != N:
-            fill = ((0, lanes_used - N), (0, 0))
-            own = np.pad(own, fill, mode="edge")
-            commands = np.pad(commands, (*fill, (0, 0)), mode="edge")
+            filled = np.minimum(np.arange(lanes_used), N - 1)  # copies of the last
+            own, commands = own[filled], commands[filled]
         out = np.empty((len(lanes.OUTPUTS), H, lanes_used))
         last = np.empty((lanes_used, len(STATES)))
         valid = np.empty(lanes_used, dtype=np.bool_)
@@ -124,9 +127,9 @@ class Rotorcraft(NamedTuple):
         kernel(
             np.ascontiguousarray(own, dtype=np.float64),
             np.ascontiguousarray(commands, dtype=np.float64),
-            (float(wind[0]), float(wind[1]), float(wind[2])),
-            (float(bias[0]), float(bias[1]), float(bias[2])),
-            self.p,
+            np.ascontiguousarray(wind, dtype=np.float64),
+            np.ascontiguousarray(bias, dtype=np.float64),
+            self.constants,
             SAMPLE_PERIOD / self.substeps,
             self.substeps,
             self.over_terrain,
@@ -147,6 +150,7 @@ def rotorcraft(parameters: AirframeParameters, terrain: Terrain | None = None) -
         p = p._replace(CT_sigma_max=min(p.CT_sigma_max, 0.16))
     return Rotorcraft(
         p,
+        constants=np.array(p),
         collective=parameters.rotor == "collective",
         attitude=parameters.command == "attitude",
         substeps=parameters.substeps,

@@ -46,7 +46,7 @@ def largest_burst(view: View) -> int:
     return int(circle if half > 0.5 * math.pi else min(sector + disc, circle))
 
 
-@kernel(error_model="numpy")
+@kernel
 def line_of_sight(
     grid: TerrainGrid,
     north: float,
@@ -75,7 +75,7 @@ def line_of_sight(
     return altitude + distance * steepest
 
 
-@kernel(error_model="numpy")
+@kernel
 def sweep(
     grid: TerrainGrid,
     north: float,

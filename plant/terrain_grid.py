@@ -29,7 +29,7 @@ class TerrainGrid(NamedTuple):
     spacing_east: float
 
 
-@kernel(error_model="numpy")
+@kernel
 def weights(t: float) -> tuple[float, float, float, float]:
     """Return the four uniform cubic B-splines at t in [0, 1]."""
     s = 1.0 - t
@@ -41,19 +41,19 @@ def weights(t: float) -> tuple[float, float, float, float]:
     )
 
 
-@kernel(error_model="numpy")
+@kernel
 def rates(t: float) -> tuple[float, float, float, float]:
     """Return the derivatives of :func:`weights`."""
     s = 1.0 - t
     return -0.5 * s * s, 0.5 * t * (3.0 * t - 4.0), -0.5 * s * (3.0 * s - 4.0), 0.5 * t * t
 
 
-@kernel(error_model="numpy")
+@kernel
 def _row(c: Floats, i: int, j: int, w: tuple[float, float, float, float]) -> float:
     return w[0] * c[i, j] + w[1] * c[i, j + 1] + w[2] * c[i, j + 2] + w[3] * c[i, j + 3]
 
 
-@kernel(error_model="numpy")
+@kernel
 def height(grid: TerrainGrid, north: float, east: float) -> float:
     """Return the elevation, m; NaN outside the grid and where data are missing."""
     c = grid.coefficients
@@ -72,7 +72,7 @@ def height(grid: TerrainGrid, north: float, east: float) -> float:
     )
 
 
-@kernel(error_model="numpy")
+@kernel
 def height_and_slope(grid: TerrainGrid, north: float, east: float) -> tuple[float, float, float]:
     """Return (h, dh/dnorth, dh/deast); h is :func:`height` to the last bit."""
     c = grid.coefficients
@@ -97,14 +97,14 @@ def height_and_slope(grid: TerrainGrid, north: float, east: float) -> tuple[floa
     return h, h_n / grid.spacing_north, h_e / grid.spacing_east
 
 
-@kernel(error_model="numpy")
+@kernel
 def evaluate(grid: TerrainGrid, north: Floats, east: Floats, out: Floats) -> None:
     """Fill out (K, 3) with height and slope at K points."""
     for k in range(north.size):
         out[k, 0], out[k, 1], out[k, 2] = height_and_slope(grid, north[k], east[k])
 
 
-@kernel(error_model="numpy")
+@kernel
 def add_heights(grid: TerrainGrid, north: Floats, east: Floats, out: Floats) -> None:
     """Add the elevation at every crossing of north and east to out (len(north), len(east))."""
     for i in range(north.size):

@@ -1,7 +1,7 @@
 """Level-flight trim of the helicopter at any speed."""
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,12 @@ class Trim(NamedTuple):
     actuators: tuple[float, ...]
 
 
-def _level(z: Floats, speed: float, p: Constants) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    thrust, a_c, b_c, tail, phi, theta, a, b = (float(value) for value in z)
+def level(z: Any, speed: Any, p: Constants) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Return (state, command in actuator form) of level flight.
+
+    ``z`` holds what is free: thrust, a_c, b_c, tail, phi, theta, a, b.
+    """
+    thrust, a_c, b_c, tail, phi, theta, a, b = z
     u, v, w = dynamics.body_from_ned(
         (speed, 0.0, 0.0),
         (*dynamics.sincos(phi), *dynamics.sincos(theta), 0.0, 1.0),
@@ -33,6 +37,22 @@ def _level(z: Floats, speed: float, p: Constants) -> tuple[tuple[float, ...], tu
     bar = ((1.0 - p.k_a) * a_c / p.A_c, (1.0 - p.k_b) * b_c / p.B_d)
     state = (0.0, 0.0, 0.0, u, v, w, phi, theta, 0.0, 0.0, 0.0, 0.0, a, b, thrust, *bar)
     return state, (thrust, a_c, b_c, tail)
+
+
+def unbalance(z: Any, speed: Any, p: Constants, ground: Any) -> tuple[Any, ...]:
+    """Return the eight accelerations that vanish in trim, in actuator form."""
+    free = p._replace(direct=1.0, a_trim=0.0, b_trim=0.0, tail_trim=0.0, K_theta=0.0, K_phi=0.0,
+                      K_psi=0.0, K_q=0.0, K_p=0.0, K_r=0.0)  # fmt: skip
+    state, u = level(z, speed, free)
+    rates = dynamics.derivative(state, u, _STILL, ground, _STILL, free)
+    return (*rates[3:6], *rates[9:14])
+
+
+def first_guess(speed: Any, p: Constants) -> tuple[Any, ...]:
+    """Return ``z`` near the trim, where the search begins."""
+    theta = -2.5e-4 * speed * speed
+    weight = p.mass * p.g / p.weight
+    return 1.02 * weight, -3e-5 * speed**2, 0.01, 0.06, 0.05, theta, 0.0, 0.005
 
 
 @lru_cache(maxsize=256)
@@ -46,19 +66,11 @@ def trim(speed: float, p: Constants, ground: float = dynamics.NO_GROUND) -> Trim
     """
     from scipy.optimize import root
 
-    free = p._replace(direct=1.0, a_trim=0.0, b_trim=0.0, tail_trim=0.0, K_theta=0.0, K_phi=0.0,
-                      K_psi=0.0, K_q=0.0, K_p=0.0, K_r=0.0)  # fmt: skip
-
     def residual(z: Floats) -> Floats:
-        state, u = _level(z, speed, free)
-        rates = dynamics.derivative(state, u, _STILL, ground, _STILL, free)
-        return np.array([*rates[3:6], *rates[9:14]])
+        return np.array(unbalance(z.tolist(), speed, p, ground))
 
-    weight = p.mass * p.g / p.weight
-    theta = -2.5e-4 * speed * speed
-    guess = np.array([1.02 * weight, -3e-5 * speed**2, 0.01, 0.06, 0.05, theta, 0.0, 0.005])
-    found = root(residual, guess, method="hybr", tol=1e-13)
-    state, u = _level(found.x, speed, p)
+    found = root(residual, np.array(first_guess(speed, p)), method="hybr", tol=1e-13)
+    state, u = level(found.x.tolist(), speed, p)
     if np.max(np.abs(residual(found.x))) > 1e-8:
         raise ValueError(
             f"trim: no level flight found, got speed {speed:g} m/s, expected 0 to 35 m/s"

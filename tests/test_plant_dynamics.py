@@ -2,6 +2,7 @@
 
 import math
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -40,7 +41,9 @@ def test_compiled_equals_plain(name, x, u, wind):
 def test_sine_and_cosine_are_accurate():
     """The branch-free sine and cosine are within 2e-16 of the library's over +-1000 rad."""
     x = np.concatenate([np.linspace(-1000, 1000, 20001), np.arange(-40, 40) * math.pi / 4])
-    got = np.array([COMPILED["sincos"](value) for value in x])
+    twin = COMPILED["sincos"]
+    sincos = numba.njit(lambda value: twin(value))  # Python cannot call it
+    got = np.array([sincos(value) for value in x])
     assert np.max(np.abs(got[:, 0] - np.sin(x))) < 2.3e-16
     assert np.max(np.abs(got[:, 1] - np.cos(x))) < 2.3e-16
 

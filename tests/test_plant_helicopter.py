@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_model_description
 
+from plant import kernels
 from plant.helicopter import (
     Helicopter,
     HelicopterModel,
@@ -74,6 +75,17 @@ def test_prediction_equals_flight(command, over, hills):
         flown = state_of(vehicle)
         assert (flown[0], flown[1], -flown[2], flown[8]) == tuple(predicted.outputs[0, k, :4])
     assert np.array_equal(flown, predicted.last[0])
+
+
+def test_one_machine_code_flies_and_predicts():
+    """A prediction runs what the vehicle's step runs: it compiles no second kernel of other types."""
+    Helicopter(HelicopterParameters()).step(0.0, 0.05)
+    flown = list(kernels.roll_thrust.signatures)
+    model = HelicopterModel(ModelParameters())
+    state, command, _ = model.trim(30.0)
+    for N in (8, 3):
+        model.rollout(state, np.tile(command, (N, 5, 1)), np.zeros(3), np.zeros(3))
+    assert kernels.roll_thrust.signatures == flown
 
 
 def test_the_thrust_model_predicts_the_collective_plant():

@@ -9,7 +9,7 @@ from plant.terrain import Terrain, TerrainParameters
 from plant.trim import trim
 
 P = constants()
-STILL = (0.0, 0.0, 0.0)
+STILL = np.zeros(3)
 SEA = Terrain(TerrainParameters(shape="flat")).grid
 
 
@@ -27,7 +27,10 @@ def roll(state, commands, substeps, *, ground=False, roll=kernels.roll_thrust, p
     N, H, _ = commands.shape
     out, last = np.empty((len(lanes.OUTPUTS), H, N)), np.empty((N, 17))
     valid = np.empty(N, dtype=bool)
-    roll(state, commands, STILL, STILL, p, 0.05 / substeps, substeps, ground, SEA, out, last, valid)
+    roll(
+        state, commands, STILL, STILL, np.array(p), 0.05 / substeps, substeps, ground, SEA,
+        out, last, valid,
+    )  # fmt: skip
     return out, last, valid
 
 
