@@ -21,7 +21,7 @@ ACTUATORS = ("actuator_thrust", "actuator_pitch", "actuator_roll", "actuator_tai
 VELOCITY = ("velocity_north", "velocity_east", "velocity_down")
 STEPS = (1.0, 0.5, 0.25, 0.1)
 """Step lengths tried besides 0, which is the shifted plan itself."""
-ATTITUDE_EVERY = 4  # samples between attitude and clearance rows
+ATTITUDE_EVERY = 4  # samples between rows of attitude, heading and clearance
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,18 @@ class Design:
 
 @dataclass(frozen=True)
 class Aim:
-    """What one update wants: the reference and the trims that R and Rc pull to."""
+    """What one update wants: the reference, and the trims that R and Rc pull to.
+
+    Commands are held within ``reach`` (4,) of the ``commands`` (4, H) that Rc pulls to; infinite
+    where only the model's own limits hold.
+    """
 
     path: Path
     near: float
     heading: float
     actuators: Floats
     commands: Floats
+    reach: Floats
     weights: Weights
     terrain_map: TerrainMap
 
@@ -99,19 +104,19 @@ def quadratic_programme(
 ) -> qp.QPData:
     """Assemble eq. 7 with its limits from an identified response.
 
-    Hard: actuators at every sample, attitude and heading deviation at every fourth. Soft: clearance.
+    Hard: actuators at every sample; attitude, heading deviation and the commands' reach at every
+    fourth. Soft: clearance.
     """
     weights = aim.weights
     y0, S = response.nominal[rows], response.S
     station = target.tangent_north[:, None] * S[0] + target.tangent_east[:, None] * S[1]
-    tracked = S[:5].copy()
-    tracked[2] -= target.slope[:, None] * station
-    wanted = np.stack([target.north, target.east, target.altitude, target.heading, target.speed])
-    actuators, commands = aim.actuators[:, None], aim.commands
+    tracked = S[0], S[1], S[2] - target.slope[:, None] * station, S[3], S[4]
+    wanted = target.north, target.east, target.altitude, target.heading, target.speed
+    off, held = u0.T - aim.commands, np.isfinite(aim.reach)
     terms = [
-        qp.Term(tracked, y0[:5] - wanted, np.array(weights.Q)),
-        qp.Term(S[7:], y0[7:] - actuators, np.array(weights.R)),
-        qp.Term(response.Phi, u0.T - commands, np.array(weights.Rc)),
+        *map(qp.Term, tracked, y0[:5] - wanted, weights.Q),
+        *map(qp.Term, S[7:], y0[7:] - aim.actuators[:, None], weights.R),
+        *map(qp.Term, response.Phi, off, weights.Rc),
     ]
     hard = [
         qp.bounds(S[7:], y0[7:], model.actuator_min, model.actuator_max),
@@ -123,16 +128,13 @@ def quadratic_programme(
             weights.heading_limit,
             ATTITUDE_EVERY,
         ),
+        qp.bounds(response.Phi[held], off[held], -aim.reach[held], aim.reach[held], ATTITUDE_EVERY),
     ]
     chosen = slice(ATTITUDE_EVERY - 1, None, ATTITUDE_EVERY)
     h, h_n, h_e = heights(aim.terrain_map, y0[0, chosen], y0[1, chosen])
     seen = np.isfinite(h)
     soft = qp.clearance(
-        np.stack([S[0, chosen], S[1, chosen], -S[2, chosen]])[:, seen],
-        (y0[2, chosen] - h)[seen],
-        h_n[seen],
-        h_e[seen],
-        weights.clearance,
+        S[:3, chosen][:, seen], (y0[2, chosen] - h)[seen], h_n[seen], h_e[seen], weights.clearance
     )
     return qp.assemble(terms, hard, soft, rho1=weights.rho1, rho2=weights.rho2)
 
@@ -161,18 +163,16 @@ def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) 
     data = quadratic_programme(response, rows, u0, aim, target, model)
     solution = solve_with_fallback(data, design.backend)
     change = (response.Phi @ solution.alpha).T
-    lengths = design.steps if design.line_search else (1.0,)
-    candidates = np.clip(
-        u0 + np.array(lengths)[:, None, None] * change, model.command_min, model.command_max
-    )
-    rollout = model.rollout(state, candidates, design.wind, bias)
-    # the shifted plan comes first: what gains nothing is no step
-    Y = np.concatenate([Y0.T[None], rollout.outputs]).transpose(2, 1, 0)
-    flown = np.concatenate([u0[None], candidates])
+    # the shifted plan comes first, as it is: what gains nothing is no step
+    lengths = np.array([0.0, *(design.steps if design.line_search else (1.0,))])
+    low = np.maximum(model.command_min, aim.commands.T - aim.reach)
+    high = np.minimum(model.command_max, aim.commands.T + aim.reach)
+    flown = np.clip(u0 + lengths[:, None, None] * change, np.minimum(low, u0), np.maximum(high, u0))
+    rollout = model.rollout(state, flown, design.wind, bias)
+    Y = rollout.outputs.transpose(2, 1, 0)
     _, slack, merit = costs(Y, rows, flown, target, aim.actuators, aim.commands, aim.path,
                             aim.weights, aim.terrain_map, ATTITUDE_EVERY)  # fmt: skip
-    merit[1:][~rollout.valid] = np.inf
-    merit[~np.isfinite(merit)] = np.inf
+    merit[~(rollout.valid & np.isfinite(merit))] = np.inf
     best = int(np.argmin(merit)) if design.line_search else 1
     return Pass(
         u=flown[best],
@@ -180,7 +180,7 @@ def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) 
         before=float(merit[0]),
         after=float(merit[best]),
         linear=qp.predicted_cost(data, solution.alpha),
-        step=float((0.0, *lengths)[best]),
+        step=float(lengths[best]),
         slack=float(slack[best]),
         valid=bool(np.isfinite(merit[best])),
         solution=solution,

@@ -63,6 +63,9 @@ class MpcParameters:
     heading_limit_deg: Annotated[
         float, Interval(gt=0, lt=180), "limit of the heading's deviation in a plan"
     ] = 30.0
+    heading_set_point_limit_deg: Annotated[
+        float, Interval(gt=0, lt=180), "limit of the heading set-point's deviation in a plan"
+    ] = 50.0
     clearance_min_m: Annotated[float, Ge(0), "soft limit of the clearance in a plan"] = 5.0
     clearance_penalty: Annotated[
         tuple[float, float],

@@ -3,8 +3,8 @@ r"""The quadratic program of one update (eq. 7), assembled from linear responses
 With a response y = y0 + S alpha of every output (eq. 6A and section II.D) the cost is a sum of
 weighted squares
 
-    J(alpha) = sum over outputs and samples of w (e + S alpha)^2
-             = J0 + 2 (1/2 alpha' H alpha + f' alpha),    H = S' W S,  f = S' W e,  J0 = e' W e
+    J(alpha) = sum over outputs of w |e + S alpha|^2  =  |x + X alpha|^2
+             = J0 + 2 (1/2 alpha' H alpha + f' alpha),    H = X' X,  f = X' x,  J0 = x' x
 
 and the limits are rows that are linear in alpha:
 
@@ -13,46 +13,42 @@ and the limits are rows that are linear in alpha:
                 soft_lower <= soft_A alpha + sigma,  sigma >= 0  soft, one shared slack
 
 A tracked output has e = y0 - r and w = Q; an actuator has e = a0 - a_trim, w = R and the response
-Sa; a command has e = u0 - c_ref, w = Rc and the response Phi. All are one kind of term.
+Sa; a command has e = u0 - c_ref, w = Rc and the response Phi. All are one kind of term; X and x are
+those with a weight, times sqrt(w), one below the other.
 
 Departure: the paper's R acts on the control itself, which biases the altitude; here on its
 deviation from trim.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-# a diverged rollout is no reason to warn here: a solver answers it with a status
-_PASS_NON_FINITE = np.errstate(invalid="ignore", over="ignore")
 
-
-@dataclass(frozen=True)
-class Term:
-    """Weighted squares of eq. 7: the sum over p outputs and H samples of w (e + S alpha)^2.
+class Term(NamedTuple):
+    """The weighted squares of one output: w |e + S alpha|^2, summed over H samples.
 
     Attributes
     ----------
-    S : ndarray, shape (p, H, m)
-        Response of the outputs to the coefficients.
-    deviation : ndarray, shape (p, H)
-        e, the outputs at alpha = 0 minus what they should be; a heading already wrapped.
-    weight : ndarray, shape (p,) or (p, H)
-        w >= 0, per output or per output and sample. An output of weight zero costs nothing.
+    S : ndarray, shape (H, m)
+        Response of the output to the coefficients.
+    e : ndarray, shape (H,)
+        The output at alpha = 0 minus what it should be; a heading already wrapped.
+    w : float
+        Weight >= 0. An output of weight zero costs nothing.
     """
 
     S: Array
-    deviation: Array
-    weight: Array
+    e: Array
+    w: float
 
 
-@dataclass(frozen=True)
-class Rows:
+class Rows(NamedTuple):
     """Limits lower <= A alpha <= upper; A has shape (r, m), the bounds (r,), perhaps infinite."""
 
     A: Array
@@ -97,7 +93,6 @@ class QPData:
     constant: float
 
 
-@_PASS_NON_FINITE
 def bounds(
     S: Array, nominal: Array, minimum: ArrayLike, maximum: ArrayLike, every: int = 1
 ) -> Rows:
@@ -121,82 +116,58 @@ def bounds(
     """
     chosen = slice((nominal.shape[1] - 1) % every, None, every)
     nominal = nominal[:, chosen]
-    low = np.broadcast_to(np.asarray(minimum, float)[..., None], nominal.shape)
-    high = np.broadcast_to(np.asarray(maximum, float)[..., None], nominal.shape)
-    A = S[:, chosen].reshape(-1, S.shape[2])
-    return Rows(A, (low - nominal).ravel(), (high - nominal).ravel())
+    lower = np.asarray(minimum)[..., None] - nominal
+    upper = np.asarray(maximum)[..., None] - nominal
+    return Rows(S[:, chosen].reshape(-1, S.shape[2]), lower.ravel(), upper.ravel())
 
 
-@_PASS_NON_FINITE
 def clearance(
-    S_position: Array,
-    nominal: Array,
-    slope_north: Array,
-    slope_east: Array,
-    minimum: float,
-    every: int = 1,
+    S: Array, nominal: Array, slope_north: Array, slope_east: Array, minimum: float
 ) -> Rows:
-    """Return rows that keep the clearance c = -D - h(N, E) above a minimum.
+    """Return rows that keep the clearance c = altitude - h(north, east) above a minimum.
 
-    Linearised in all three coordinates, c = c0 - (S_D + h_N S_N + h_E S_E) alpha: at speed the
+    Linearised in all three coordinates, c = c0 + (S_z - h_N S_N - h_E S_E) alpha: at speed the
     slope along the track matters as much as the altitude.
 
     Parameters
     ----------
-    S_position : ndarray, shape (3, H, m)
-        Response of north, east and down, m.
-    nominal : ndarray, shape (H,)
+    S : ndarray, shape (3, r, m)
+        Response of north, east and altitude, m, at r samples.
+    nominal : ndarray, shape (r,)
         c0, m.
-    slope_north, slope_east : ndarray, shape (H,)
+    slope_north, slope_east : ndarray, shape (r,)
         h_N and h_E below the nominal path.
     minimum : float
         m.
-    every : int
-        Every which sample has a row, the last included.
 
     Returns
     -------
     Rows
-        r = ceil(H / every) rows with infinite upper bounds.
+        r rows with infinite upper bounds.
     """
-    chosen = slice((len(nominal) - 1) % every, None, every)
-    north, east, down = S_position[:, chosen]
-    A = -(down + slope_north[chosen, None] * north + slope_east[chosen, None] * east)
-    lower = minimum - nominal[chosen]
+    north, east, altitude = S
+    A = altitude - slope_north[:, None] * north - slope_east[:, None] * east
+    lower = minimum - nominal
     return Rows(A, lower, np.full_like(lower, np.inf))
 
 
-def _weighted_outputs(term: Term) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield S (H, m), deviation (H,) and weight (H,) or (1,) of every output that has a weight."""
-    p, horizon, _ = term.S.shape
-    if term.deviation.shape != (p, horizon):
-        raise ValueError(
-            f"term: deviation has the wrong shape, got {term.deviation.shape}, "
-            f"expected {(p, horizon)}"
-        )
-    if term.weight.shape not in ((p,), (p, horizon)):
-        raise ValueError(
-            f"term: weight has the wrong shape, got {term.weight.shape}, "
-            f"expected {(p,)} or {(p, horizon)}"
-        )
-    if np.any(term.weight < 0):
-        raise ValueError(f"term: negative weight, got {np.min(term.weight)}, expected >= 0")
-    weight = term.weight[:, None] if term.weight.ndim == 1 else term.weight
-    for i in np.flatnonzero(weight.any(axis=1)):
-        yield term.S[i], term.deviation[i], weight[i]
+def _stacked(terms: Sequence[Term]) -> tuple[Array, Array]:
+    """Return X (n, m) and x (n,) of |x + X alpha|^2."""
+    for S, e, w in terms:
+        if e.shape != S.shape[:1]:
+            raise ValueError(f"term: e has the wrong shape, got {e.shape}, expected {S.shape[:1]}")
+        if w < 0:
+            raise ValueError(f"term: negative weight, got {w}, expected >= 0")
+    terms = [term for term in terms if term.w > 0]
+    root = np.sqrt([w for _, _, w in terms])[:, None]
+    X = np.concatenate([S for S, _, _ in terms])
+    x = np.concatenate([e for _, e, _ in terms])
+    for part in (X, x):
+        by_term = part.reshape(len(terms), -1)
+        by_term *= root
+    return X, x
 
 
-def _joined(hard: Sequence[Rows], m: int) -> Rows:
-    """Return all hard rows that can bind, their bounds moved to admit alpha = 0."""
-    A = np.concatenate([np.empty((0, m)), *(rows.A for rows in hard)])
-    lower = np.concatenate([np.empty(0), *(rows.lower for rows in hard)])
-    upper = np.concatenate([np.empty(0), *(rows.upper for rows in hard)])
-    alive = A.any(axis=1) & ~(np.isneginf(lower) & np.isposinf(upper))
-    chosen = slice(None) if alive.all() else alive
-    return Rows(A[chosen], np.minimum(lower[chosen], 0.0), np.maximum(upper[chosen], 0.0))
-
-
-@_PASS_NON_FINITE
 def assemble(
     terms: Sequence[Term],
     hard: Sequence[Rows],
@@ -209,16 +180,12 @@ def assemble(
     """Return the quadratic program of the terms and rows.
 
     alpha = 0 satisfies every hard row: bounds are moved to admit it, lower <- min(lower, 0), so a
-    nominal path that is beyond a limit is never made worse. Rows without any response (an actuator
-    held at its stop) are left out: whatever alpha, they read 0, which is admitted. So are rows
-    without a finite bound.
-
-    Numbers that are not finite pass through; a solver answers them with a status.
+    nominal path that is beyond a limit is never made worse.
 
     Parameters
     ----------
     terms : sequence of Term
-        At least one; all in the same m coefficients.
+        At least one with a weight; all in the same m coefficients.
     hard : sequence of Rows
         Limits that alpha may not make worse.
     soft : Rows, optional
@@ -235,28 +202,25 @@ def assemble(
     """
     if rho1 <= 0 or rho2 <= 0:
         raise ValueError(f"slack: weights must be positive, got rho1 {rho1} and rho2 {rho2}")
-    m = terms[0].S.shape[2]
-    gram, f, constant = np.zeros((m, m)), np.zeros(m), 0.0
-    # one product per output: S and W S stay in the cache, and out of the page allocator
-    for S, e, w in chain.from_iterable(map(_weighted_outputs, terms)):
-        We = w * e
-        gram += (S * w[:, None]).T @ S
-        f += We @ S
-        constant += float(We @ e)
-    H = 0.5 * (gram + gram.T)
-    H.flat[:: m + 1] += regularisation * np.trace(H) / m
-    rows = _joined(hard, m)
+    X, x = _stacked(terms)
+    m = X.shape[1]
+    H = X.T @ X
+    diagonal = H.reshape(-1)[:: m + 1]
+    diagonal += regularisation * diagonal.sum() / m
+    none = Rows(np.empty((0, m)), np.empty(0), np.empty(0))
+    soft = none if soft is None else soft
+    A, lower, upper = (np.concatenate(parts) for parts in zip(none, *hard, strict=True))
     return QPData(
         H=H,
-        f=f,
-        A=rows.A,
-        lower=rows.lower,
-        upper=rows.upper,
-        soft_A=np.empty((0, m)) if soft is None else soft.A,
-        soft_lower=np.empty(0) if soft is None else soft.lower,
+        f=x @ X,
+        A=A,
+        lower=np.minimum(lower, 0.0),
+        upper=np.maximum(upper, 0.0),
+        soft_A=soft.A,
+        soft_lower=soft.lower,
         rho1=rho1,
         rho2=rho2,
-        constant=constant,
+        constant=float(x @ x),
     )
 
 

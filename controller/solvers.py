@@ -5,9 +5,10 @@ unknown, x = [sigma, alpha] / D with D = diag(P)^{-1/2}:
 
     minimise  1/2 x' P x + q' x    subject to  lower <= G x <= upper
 
-No answer is believed for its status alone: it counts as optimal if the solver says exactly that
-*and* the optimality conditions hold to :data:`TOLERANCE`. Failure is data, never an exception. Work
-is limited in iterations, never in time, so that a flight can be repeated bit for bit.
+None is asked where the optimum without rows, -H^{-1} f, satisfies them all: that is the optimum, and
+in calm flight the rule. No answer is believed for its status alone: it counts as optimal if the solver
+says exactly that *and* the optimality conditions hold to :data:`TOLERANCE`. Failure is data, never an
+exception. Work is limited in iterations, never in time, so that a flight can be repeated bit for bit.
 """
 
 from collections.abc import Callable, Mapping
@@ -54,8 +55,9 @@ class Solution:
         Slack of the soft rows, in their unit.
     status : Status
     backend : str
-        Who answered; "none" for the last rung of :func:`solve_with_fallback`.
+        Whose answer it is; "none" for the last rung of :func:`solve_with_fallback`.
     iterations : int
+        Of the back end; 0 where no row was in the way and it was not asked.
     multiplier_max : float
         Largest multiplier of any row, in size.
     soft_multiplier_sum : float
@@ -231,13 +233,6 @@ def _residual(problem: _Problem, x: Array, y: Array) -> float:
     return float(max(stationarity, violation, gap))
 
 
-def _finite(data: QPData) -> bool:
-    numbers = (data.H, data.f, data.A, data.soft_A, data.soft_lower)
-    return all(np.isfinite(part).all() for part in numbers) and not (
-        np.isnan(data.lower).any() or np.isnan(data.upper).any()
-    )
-
-
 def solve(data: QPData, backend: str = "daqp", *, iteration_limit: int | None = None) -> Solution:
     """Solve a quadratic program.
 
@@ -263,23 +258,54 @@ def solve(data: QPData, backend: str = "daqp", *, iteration_limit: int | None = 
         near = get_close_matches(backend, BACKENDS, n=1, cutoff=0.0)[0]
         raise KeyError(f"solver: unknown name, got {backend!r}, expected one such as {near!r}")
     zero = Solution(np.zeros(len(data.f)), 0.0, Status.OPTIMAL, backend)
-    if not _finite(data):
+    if not (np.isfinite(data.H).all() and np.isfinite(data.f).all()):
         return replace(zero, status=Status.NON_FINITE)
-    zero = replace(zero, sigma=slack(data, zero.alpha))
-    if np.min(np.diag(data.H)) <= 0:
+    if data.H.diagonal().min() <= 0:
         return replace(zero, status=Status.FAILED)
-    if np.any(data.lower > data.upper):  # DAQP would call such a problem optimal
-        return replace(zero, status=Status.INFEASIBLE)
+    # an optimum without rows that satisfies them is the optimum with them, and cheaper
+    free = _unconstrained(data)
+    if free is not None and _allowed(data, free):
+        return replace(zero, alpha=free)
+    limit = ITERATION_LIMITS[backend] if iteration_limit is None else iteration_limit
     if len(data.soft_lower) > 0:
-        # an optimum without the soft rows that satisfies them is the optimum with them, and cheaper
-        m = len(data.f)
-        hard_only = replace(data, soft_A=np.empty((0, m)), soft_lower=np.empty(0))
-        solution = solve(hard_only, backend, iteration_limit=iteration_limit)
+        hard_only = replace(data, soft_A=data.soft_A[:0], soft_lower=data.soft_lower[:0])
+        solution = _ask(hard_only, backend, limit)
         if solution.status is Status.OPTIMAL and slack(data, solution.alpha) == 0.0:
             return solution
+    return _ask(data, backend, limit)
+
+
+def _unconstrained(data: QPData) -> Array | None:
+    """Return -H^{-1} f, or None where that is no minimum to :data:`TOLERANCE`."""
+    D = data.H.diagonal() ** -0.5
+    P, q = data.H * D * D[:, None], data.f * D
+    try:
+        np.linalg.cholesky(P)
+        x = np.linalg.solve(P, -q)
+    except np.linalg.LinAlgError:
+        return None
+    stationary = np.abs(P @ x + q).max() <= TOLERANCE * (1 + np.abs(q).max())
+    return D * x if stationary else None
+
+
+def _allowed(data: QPData, alpha: Array) -> bool:
+    """Return whether alpha satisfies every row, without tolerance."""
+    change = data.A @ alpha
+    hard = (data.lower <= change).all() and (change <= data.upper).all()
+    return bool(hard) and slack(data, alpha) == 0.0
+
+
+def _ask(data: QPData, backend: str, iteration_limit: int) -> Solution:
+    """Return the answer of a back end if it is optimal, else alpha = 0 and why it is not."""
+    zero = Solution(np.zeros(len(data.f)), 0.0, Status.OPTIMAL, backend)
+    finite = all(np.isfinite(part).all() for part in (data.A, data.soft_A, data.soft_lower))
+    if not finite or np.isnan(data.lower).any() or np.isnan(data.upper).any():
+        return replace(zero, status=Status.NON_FINITE)
+    zero = replace(zero, sigma=slack(data, zero.alpha))
+    if np.any(data.lower > data.upper):  # DAQP would call such a problem optimal
+        return replace(zero, status=Status.INFEASIBLE)
     problem, D = _scaled(_with_slack(data))
-    limit = ITERATION_LIMITS[backend] if iteration_limit is None else iteration_limit
-    x, y, status, iterations = BACKENDS[backend](problem, limit)
+    x, y, status, iterations = BACKENDS[backend](problem, iteration_limit)
     if status is Status.OPTIMAL and not _residual(problem, x, y) <= TOLERANCE:  # a NaN is refused
         status = Status.INACCURATE
     if status is not Status.OPTIMAL:
@@ -303,11 +329,11 @@ def solve_with_fallback(data: QPData, backend: str = "daqp") -> Solution:
     ``reason`` tells what failed; the last rung, ``backend == "none"``, has the first status.
     """
     failures: list[Solution] = []
+    reason = ""
     for name in dict.fromkeys((backend, "piqp")):
         solution = solve(data, name)
-        reason = "; ".join(f"{failed.backend}: {failed.status.value}" for failed in failures)
         if solution.status is Status.OPTIMAL:
             return replace(solution, reason=reason)
         failures.append(solution)
-    reason = "; ".join(f"{failed.backend}: {failed.status.value}" for failed in failures)
+        reason = "; ".join(f"{failed.backend}: {failed.status.value}" for failed in failures)
     return replace(failures[0], backend="none", reason=reason)

@@ -4,6 +4,7 @@ Take in the terrain sensed, carry the reference on, predict to the instant the p
 the last optimum, improve it, and step down the ladder where that fails.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -192,12 +193,14 @@ def _aim(task: Task, p: MpcParameters, memory: Memory, begin: Floats, H: int) ->
     station = project(path, float(begin[0]), float(begin[1]), memory.station)
     along = advance(path, station, task.model.sample_period, H)
     heading = on_branch(sample(memory.reference, along).heading, float(begin[8]))
+    turn = float(np.radians(p.heading_set_point_limit_deg)) if task.attitude_form else np.inf
     return Aim(
         path=path,
         near=station,
         heading=float(begin[8]),
         actuators=task.model.trim(p.speed_mps)[2],
         commands=np.ascontiguousarray(trim_commands(task, p.speed_mps, heading).T),
+        reach=np.array([np.inf, np.inf, np.inf, turn]),
         weights=weights(p, attitude_form=task.attitude_form),
         terrain_map=memory.terrain_map,
     )
@@ -234,13 +237,13 @@ def _velocity(state: Floats, names: tuple[str, ...]) -> Floats:
     u, v, w, phi, theta, psi = (
         float(state[names.index(name)]) for name in ("u", "v", "w", "phi", "theta", "psi")
     )
-    s_phi, c_phi, s_th, c_th = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
+    s_phi, c_phi, s_th, c_th = math.sin(phi), math.cos(phi), math.sin(theta), math.cos(theta)
     below = s_phi * v + c_phi * w
     ahead, right = c_th * u + s_th * below, c_phi * v - s_phi * w
     return np.array(
         [
-            np.cos(psi) * ahead - np.sin(psi) * right,
-            np.sin(psi) * ahead + np.cos(psi) * right,
+            math.cos(psi) * ahead - math.sin(psi) * right,
+            math.sin(psi) * ahead + math.cos(psi) * right,
             c_th * below - s_th * u,
         ]
     )

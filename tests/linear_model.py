@@ -101,6 +101,7 @@ def aim_at(path, terrain_map, model, horizon, **weights):
         heading=float(path.heading[0]),
         actuators=actuators,
         commands=np.tile(command[:, None], horizon),
+        reach=np.full(4, np.inf),
         weights=Weights(**{**usual, **weights}),
         terrain_map=terrain_map,
     )

@@ -58,8 +58,8 @@ def tracking(B, limit, error, minimum_clearance=None, hill=0.0, rho1=2e3):
     deviation = np.asarray(error)[:, None] * (np.arange(H) > 20)
     nominal = np.zeros((4, H))
     terms = [
-        Term(S, deviation, np.array([1.0, 10.0, 1.0, 1.0])),
-        Term(Sa, nominal, np.array([0.1, 1.0, 1.0, 1.0])),
+        *map(Term, S, deviation, (1.0, 10.0, 1.0, 1.0)),
+        *map(Term, Sa, nominal, (0.1, 1.0, 1.0, 1.0)),
     ]
     hard = [
         bounds(Sa, nominal, -limit, limit),
@@ -67,9 +67,12 @@ def tracking(B, limit, error, minimum_clearance=None, hill=0.0, rho1=2e3):
     ]
     if minimum_clearance is None:
         return assemble(terms, hard)
-    height = 10 - hill * np.exp(-(((np.arange(H) - 120) / 15) ** 2))
-    slope = np.full(H, 0.1)
-    soft = clearance(S[[1, 2, 0]], height, slope, 0 * slope, minimum_clearance, every=2)
+    k = np.arange(1, H, 2)
+    height = 10 - hill * np.exp(-(((k - 120) / 15) ** 2))
+    slope = np.full(len(k), 0.1)
+    soft = clearance(
+        np.stack([S[1], S[2], -S[0]])[:, k], height, slope, 0 * slope, minimum_clearance
+    )
     return assemble(terms, hard, soft, rho1=rho1)
 
 
@@ -231,6 +234,32 @@ def test_soft_rows_that_hold_anyway_change_nothing(backend):
     clear = solve(tracking(B, 0.35, (1, -0.5, 0.3, 0.1), 3.0), backend)
     np.testing.assert_array_equal(clear.alpha, free.alpha)
     assert clear.soft_multiplier_sum == 0.0
+
+
+@ALL
+def test_a_row_that_reads_nothing_changes_nothing(backend):
+    """An actuator held at its stop has rows without any response, and no solver minds them."""
+    data = tracking(orthonormal("tent", 6), 0.2, (10, -5, 3, 1), 3.0, hill=20.0)
+    dead = replace(
+        data,
+        A=np.concatenate([np.zeros((2, len(data.f))), data.A]),
+        lower=np.concatenate([[-1.0, 0.0], data.lower]),
+        upper=np.concatenate([[0.0, np.inf], data.upper]),
+    )
+    expected, found = solve(data, backend), solve(dead, backend)
+    assert found.status is Status.OPTIMAL
+    np.testing.assert_allclose(found.alpha, expected.alpha, rtol=0, atol=1e-7)
+
+
+def test_no_solver_is_asked_where_no_row_is_in_the_way(monkeypatch):
+    """The optimum without rows is the optimum with rows that it satisfies; else a solver answers."""
+    monkeypatch.setattr(solvers, "BACKENDS", {"daqp": fail})
+    free = tracking(orthonormal("tent", 6), 5.0, (1, -0.5, 0.3, 0.1), 3.0)
+    solution = solve(free)
+    assert (solution.status, solution.iterations) == (Status.OPTIMAL, 0)
+    np.testing.assert_allclose(free.H @ solution.alpha, -free.f, rtol=0, atol=1e-9)
+    for rows in ({"lower": free.lower + 1.0}, {"soft_lower": free.soft_lower + 50.0}):
+        assert solve(replace(free, **rows)).status is Status.FAILED
 
 
 CONTRADICTION = {

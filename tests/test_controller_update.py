@@ -106,8 +106,41 @@ def test_an_update_never_makes_the_shifted_plan_worse(form, data):
         assert best.step in (0.0, *optimise.STEPS)
         assert np.all(memory.plan.commands >= model.command_min)
         assert np.all(memory.plan.commands <= model.command_max)
+        if form == "attitude":  # the course leads north
+            assert np.abs(memory.plan.commands[:, 3]).max() <= np.radians(50.0) + 1e-9
         np.testing.assert_array_equal(memory.plan.commands[: memory.plan.horizon], best.u)
     assert rungs <= set(range(4))
+
+
+def turned(limit_deg, memory=None):
+    """Return the pass of an update that starts 0.35 rad off the heading and turns away from it."""
+    parameters = replace(P, heading_set_point_limit_deg=limit_deg, passes_at_start=1)
+    state = state_at(psi=0.35, r=0.35)
+    return once(fresh() if memory is None else memory, state, parameters=parameters, time=0.5)[1]
+
+
+def test_a_plan_keeps_the_heading_set_point_near_the_course():
+    """No sample is off by more than the limit, and the programme knows it: it is no mere clip."""
+    limit = np.radians(50.0)
+    free, best = turned(179.0), turned(50.0)
+    assert np.abs(free.u[:, 3]).max() > 1.2 * limit
+    assert np.abs(best.u[:, 3]).max() <= limit + 1e-12
+    nominal = np.zeros(200)  # the course leads north
+    asked = nominal + design(P, task().model, 200).Phi[3] @ best.solution.alpha
+    assert np.abs(asked[3::4]).max() <= limit + 1e-6
+    assert best.solution.multiplier_max > 0
+
+
+def test_a_set_point_beyond_its_limit_may_only_come_back():
+    """A shifted plan that is outside leaves the programme feasible, and goes no further out."""
+    memory = first()
+    commands = memory.plan.commands.copy()
+    commands[:, 3] = 1.2
+    best = turned(50.0, replace(memory, plan=Plan(3, 0.0, 200, commands)))
+    assert best.solution.status is Status.OPTIMAL
+    assert best.step > 0
+    assert best.u[:, 3].max() <= 1.2
+    assert best.u[:, 3].min() >= -np.radians(50.0)
 
 
 def test_a_step_into_what_does_not_fly_is_never_taken():
