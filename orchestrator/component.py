@@ -15,7 +15,7 @@ from orchestrator.errors import CouplingError
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription
 
-Value = float | int | bool | str | NDArray[Any]
+Value = float | int | bool | str | bytes | NDArray[Any]
 
 INTERFACE = 1  # version of this contract
 

@@ -35,6 +35,14 @@ class CouplingError(ValueError):
     """A component does not keep its contract, or is called in an order the contract forbids."""
 
 
+class ComponentDied(Exception):  # noqa: N818  (as FMI says of an instance)
+    """The process of an isolated component has ended by itself."""
+
+
+class ComponentTimeout(Exception):  # noqa: N818
+    """An isolated component did not answer in time; its process has been ended."""
+
+
 def nearest(name: str, known: Sequence[str]) -> str:
     """Return ``", did you mean 'x' or 'y'"``, or an empty text where nothing is near.
 

@@ -46,15 +46,20 @@ def test_a_recording_holds_what_a_trace_holds(file):
 
 
 VALUES = st.tuples(
-    st.floats(), st.integers(-(2**63), 2**63 - 1), st.booleans(), st.text(), st.sampled_from([1, 5])
+    st.floats(),
+    st.integers(-(2**63), 2**63 - 1),
+    st.booleans(),
+    st.text(),
+    st.sampled_from([1, 5]),
+    st.binary(),
 )
 
 
 @given(st.lists(VALUES, min_size=1, max_size=4), st.integers(0, 3), st.integers(1, 3))
 @settings(deadline=None, max_examples=40)
 def test_every_value_comes_back(tmp_path_factory, rows, n, m):
-    """Floats, integers, booleans, text, enumerations and arrays of any of them come back exactly."""
-    kinds = ("Float64", "Int64", "Boolean", "String", "Enumeration")
+    """Numbers, booleans, text, enumerations, bytes and arrays of any of them come back exactly."""
+    kinds = ("Float64", "Int64", "Boolean", "String", "Enumeration", "Binary")
     items = {"items": {1: "one", 5: "five"}}
     ports = [
         port("c", f"{group}.{kind}", kind=kind, shape=shape, **(items if kind[0] == "E" else {}))
@@ -68,7 +73,9 @@ def test_every_value_comes_back(tmp_path_factory, rows, n, m):
         values = {f"one.{kind}": value for kind, value in zip(kinds, row, strict=True)}
         if n:
             values |= {
-                f"many.{kind}": np.full((m, n), value, object if kind == "String" else None)
+                f"many.{kind}": np.full(
+                    (m, n), value, object if kind in ("String", "Binary") else None
+                )
                 for kind, value in zip(kinds, row, strict=True)
             }
         calls.append(("outputs", (k * TICK_NS, "c", values)))

@@ -85,3 +85,13 @@ def _usable_rates(rate: Fraction) -> list[Fraction]:
     )
     below = [usable for usable in rates if usable < rate][-1:]
     return below + [usable for usable in rates if usable > rate][:1]
+
+
+def is_multiple(step: float, part: float) -> bool:
+    """Return whether a step is a whole number of parts, but for rounding.
+
+    >>> is_multiple(0.05, 0.01), is_multiple(0.05, 0.02), is_multiple(0.01, 0.05)
+    (True, False, False)
+    """
+    ratio = step / part
+    return round(ratio) >= 1 and abs(ratio - round(ratio)) <= 1e-9 * ratio

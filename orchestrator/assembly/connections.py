@@ -49,8 +49,8 @@ def connect(ports: Ports, specs: Sequence[ConnectionSpec]) -> tuple[Link, ...]:
 def conversions(links: Iterable[Link]) -> list[str]:
     """Return one line for every link that converts units."""
     return [
-        f"connection {link}: {link.source.unit} is converted to {link.target.unit}, "
-        f"factor {link.factor!r}, offset {link.offset!r}"
+        f"connection {link}: {link.source.unit or 'no unit'} is converted to "
+        f"{link.target.unit or 'no unit'}, factor {link.factor!r}, offset {link.offset!r}"
         for link in links
         if link.factor != 1.0 or link.offset != 0.0
     ]
@@ -59,7 +59,8 @@ def conversions(links: Iterable[Link]) -> list[str]:
 def find(ports: Ports, path: str) -> tuple[str, Mapping[str, Port]]:
     """Return the component and the variables that ``component.variable`` or a group names.
 
-    A single variable is returned under the empty name, a group by its members' names.
+    A single variable is returned under the empty name, a group by its members' names. A group comes
+    before a parameter of its name, which cannot be connected.
 
     Raises
     ------
@@ -70,9 +71,9 @@ def find(ports: Ports, path: str) -> tuple[str, Mapping[str, Port]]:
     if component not in ports:
         raise ValueError(f"no component {component!r}{nearest(component, list(ports))}")
     own = ports[component]
-    if name in own:
-        return component, {"": own[name]}
     group = members(own, name)
+    if name in own and not (group and own[name].causality == "parameter"):
+        return component, {"": own[name]}
     if not name or not group:
         prefixes = [n[:i] for n in own for i, letter in enumerate(n) if letter == "."]
         known = list(dict.fromkeys([*own, *prefixes]))
@@ -102,7 +103,7 @@ def _expand(ports: Ports, spec: ConnectionSpec, problems: list[str]) -> list[Lin
     sources, targets = sides
     links: list[Link] = []
     for source, target in _pairs(spec, sources, targets, problems):
-        factor, offset = _compare(source, target, problems)
+        factor, offset = _compare(source, target, spec, problems)
         links.append(Link(source, target, factor, offset, delay_ns))
     return links
 
@@ -134,8 +135,10 @@ def _causalities(ports: Mapping[str, Port]) -> str:
     return " and ".join(sorted({port.causality for port in ports.values()}))
 
 
-def _compare(source: Port, target: Port, problems: list[str]) -> tuple[float, float]:
-    """Return factor and offset of the units; what does not fit is added to ``problems``."""
+def _compare(
+    source: Port, target: Port, spec: ConnectionSpec, problems: list[str]
+) -> tuple[float, float]:
+    """Return factor and offset: as given, or of the units; misfits are added to ``problems``."""
     if source.causality != "output":
         problems.append(f"{source} cannot be a source, got {source.causality}, expected output")
     if target.causality != "input":
@@ -152,6 +155,10 @@ def _compare(source: Port, target: Port, problems: list[str]) -> tuple[float, fl
     elif source.items != target.items:
         got, expected = (list(port.items.values()) for port in (source, target))
         problems.append(f"{target}: other enumeration items, got {got}, expected {expected}")
+    if spec.factor is not None or spec.offset:
+        if not source.kind == target.kind == "float":
+            problems.append(f"{target}: factor and offset are for floats, got {target.type}")
+        return 1.0 if spec.factor is None else spec.factor, spec.offset
     if source.kind == target.kind == "float":
         try:
             return conversion(source.unit, target.unit) or (1.0, 0.0)

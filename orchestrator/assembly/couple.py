@@ -77,11 +77,27 @@ def _check(spec: ComponentSpec, instance: Instance) -> None:
         is_variable = (
             co_simulation is not None and co_simulation.canHandleVariableCommunicationStepSize
         )
-        if not (is_variable and instance.is_restorable and execution.kind == "continuous"):
+        can_go_back = instance.is_restorable or (
+            co_simulation is not None
+            and co_simulation.canGetAndSetFMUstate
+            and hasattr(instance.component, "snapshot")
+        )
+        if not (is_variable and can_go_back and execution.kind == "continuous"):
             raise CouplingError(
                 f"{start}on_discard 'retry' is not possible, expected a continuous component that "
                 "advertises canHandleVariableCommunicationStepSize and canSerializeFMUstate"
             )
+    is_isolated = spec.isolation == "process"
+    if spec.on_error == "restart" and not (is_isolated and instance.is_restorable):
+        raise CouplingError(
+            f"{start}on_error 'restart' is not possible, expected isolation 'process' and a "
+            "component that advertises canSerializeFMUstate"
+        )
+    if spec.timeout_s is not None and not is_isolated:
+        raise CouplingError(
+            f"{start}timeout_s is not possible, got {spec.timeout_s} s, expected isolation "
+            "'process', or deadline_s, which is measured after each step"
+        )
 
 
 def _check_end(scenario: Scenario, ports: Ports) -> None:

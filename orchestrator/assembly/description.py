@@ -21,7 +21,9 @@ KINDS = {
     "Enumeration": "enumeration",
     "Boolean": "boolean",
     "String": "string",
+    "Binary": "binary",
 }
+PYTHON = {"float": float, "boolean": bool, "string": str, "binary": bytes}  # all others: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,7 @@ class Port:
 
     @property
     def kind(self) -> str:
-        """``float``, ``integer``, ``enumeration``, ``boolean`` or ``string``."""
+        """``float``, ``integer``, ``enumeration``, ``boolean``, ``string`` or ``binary``."""
         return KINDS[self.type]
 
     def __str__(self) -> str:
@@ -70,8 +72,8 @@ class Port:
 def ports(component: str, description: "ModelDescription") -> dict[str, Port]:
     """Return the variables of a component, in the order of its description.
 
-    Binary variables and clocks, which cannot be coupled, are left out. An output that the model
-    structure does not list may depend on every input.
+    Clocks, which cannot be coupled, are left out. An output that the model structure does not list
+    may depend on every input.
 
     Raises
     ------
@@ -97,6 +99,11 @@ def ports(component: str, description: "ModelDescription") -> dict[str, Port]:
         for unknown in description.outputs
         if unknown.variable is not None
     }
+    through |= {  # FMI 3 lists no aliases
+        v.name: through[v.alias.name]
+        for v in description.modelVariables
+        if v.alias is not None and v.causality == "output"
+    }
     made: dict[str, Port] = {}
     for variable in description.modelVariables:
         if variable.type not in KINDS:
@@ -120,13 +127,13 @@ def members(ports: Mapping[str, Port], group: str) -> dict[str, Port]:
 
 def mismatch(port: Port, value: object) -> str | None:
     """Return what keeps ``value`` from being a value of ``port``; None if it is one."""
-    python = {"float": float, "boolean": bool, "string": str}.get(port.kind, int)
+    python = PYTHON.get(port.kind, int)
     if port.shape:
         if not isinstance(value, np.ndarray):
             return f"not an array, got {type(value).__name__}, expected shape {port.shape}"
         if value.shape != port.shape:
             return f"wrong shape, got {value.shape}, expected {port.shape}"
-        dtype = np.dtype(np.str_ if python is str else python)
+        dtype = np.dtype({"string": np.str_, "binary": object}.get(port.kind, python))
         if value.dtype.kind != dtype.kind or (dtype.kind in "if" and value.dtype != dtype):
             return f"wrong type, got {value.dtype}, expected {dtype}"
         return None
@@ -184,13 +191,16 @@ def _boolean(text: str) -> bool:
 
 def _start(kind: str, text: object, shape: tuple[int, ...]) -> Value:
     """Parse a start value; a single one fills an array."""
-    parse: Callable[[str], Value] = {"float": float, "boolean": _boolean, "string": str}.get(
-        kind, int
-    )
+    parse: Callable[[str], Value] = {
+        "float": float,
+        "boolean": _boolean,
+        "string": str,
+        "binary": bytes.fromhex,
+    }.get(kind, int)
     if not shape:
         return parse(str(text))
     texts = cast(list[str], text) if isinstance(text, list) else str(text).split()
-    values = np.array([parse(one) for one in texts])
+    values = np.array([parse(one) for one in texts], object if kind == "binary" else None)
     if values.size not in (1, int(np.prod(shape))):
         raise ValueError(
             f"wrong number of start values, got {values.size}, expected 1 or {int(np.prod(shape))}"

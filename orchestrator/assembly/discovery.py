@@ -1,10 +1,11 @@
-"""Find what a scenario's ``use`` names: ``module:attribute``, or an installed component.
+"""Find what a scenario's ``use`` names: a file, ``module:attribute``, or an installed component.
 
-A package installs components by entry points in the group ``hedgehop.components``.
+A package installs components by entry points in the group ``hedgehop.components``. The files are
+FMUs, packed or unpacked, and recordings.
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -13,6 +14,10 @@ from typing import Any
 from orchestrator.errors import nearest
 
 GROUP = "hedgehop.components"
+FILES = {  # what stands for a file
+    "fmu": "orchestrator.fmu.component:FmuComponent",
+    "mcap": "orchestrator.playback.component:Playback",
+}
 
 Factory = Callable[..., Any]
 
@@ -22,8 +27,35 @@ def installed_components() -> dict[str, EntryPoint]:
     return {point.name: point for point in sorted(entry_points(group=GROUP))}
 
 
+def find_file(use: str, folders: Iterable[Path]) -> tuple[str, Path] | None:
+    """Return the kind of file, ``fmu`` or ``mcap``, that ``use`` names, and where it is.
+
+    That is the first of the folders that has it. None of what is no file's name.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file.
+    """
+    kind = Path(use).suffix.lower().removeprefix(".")
+    places = [folder / use for folder in folders]
+    for place in places:
+        if (place / "modelDescription.xml").is_file():
+            return "fmu", place
+    if kind not in FILES:
+        return None
+    for place in places:
+        if place.exists():
+            return kind, place
+    known = [one.name for one in places[0].parent.glob("*")] if places else []
+    raise ValueError(
+        f"file not found, got {use!r}, expected a file beside the scenario"
+        f"{nearest(Path(use).name, known)}"
+    )
+
+
 def resolve(use: str, folder: Path | None = None) -> Factory:
-    """Return the class or function that ``use`` names.
+    """Return the class or function that ``use`` names; of a file, the one that stands for its kind.
 
     Modules in ``folder`` can be imported too, after all others.
 
@@ -32,8 +64,8 @@ def resolve(use: str, folder: Path | None = None) -> Factory:
     ValueError
         If there is no such thing or its module cannot be imported; one line that says why.
     """
-    if Path(use).suffix in (".fmu", ".mcap"):
-        raise ValueError(f"not supported yet, got {use!r}, expected 'module:attribute'")
+    if found_file := find_file(use, (folder or Path(),)):
+        return resolve(FILES[found_file[0]])
     if ":" not in use:
         points = installed_components()
         if use not in points:

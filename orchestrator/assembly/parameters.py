@@ -26,6 +26,7 @@ from pydantic import Field as Described
 from orchestrator.assembly.discovery import Factory
 from orchestrator.errors import nearest
 
+TOLD = ("latency_s", "instance_name")  # arguments that are no resources: a constructor may ask
 _CONFIG = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
 
 

@@ -1,18 +1,20 @@
 """Plan how to make a scenario's resources and components, before any of them is made.
 
 ``${name}`` as a parameter's value is a resource, passed to the constructor's argument of that name;
-everything else goes into the parameter dataclass.
+everything else goes into the parameter dataclass. What ``parameters`` of a file mean is in
+``files.py``.
 """
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
-from orchestrator.assembly.discovery import Factory, resolve
-from orchestrator.assembly.parameters import Constructor, adapter, constructor
+from orchestrator.assembly.discovery import FILES, find_file, resolve
+from orchestrator.assembly.files import file_arguments
+from orchestrator.assembly.parameters import TOLD, Constructor, adapter, constructor
+from orchestrator.assembly.plan import Plan
 from orchestrator.errors import nearest
 from orchestrator.scenario.load import installed
 from orchestrator.scenario.marks import Fault, KeyPath, Mark, Node, Origins, dotted, scenario_error
@@ -20,31 +22,6 @@ from orchestrator.scenario.records import ComponentSpec, ResourceSpec, Scenario
 from orchestrator.scenario.validation import validate
 
 REFERENCE = re.compile(r"\$\{([^}]*)\}")
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A checked call that makes one resource or component.
-
-    Attributes
-    ----------
-    path : tuple
-        ``("components", "mpc")``.
-    arguments : mapping
-        The parameter dataclass, as ``parameters``, and ``latency_s``, where they are taken.
-    resources : mapping
-        Argument to the name of the resource to inject.
-    """
-
-    path: KeyPath
-    factory: Factory
-    arguments: Mapping[str, Any]
-    resources: Mapping[str, str]
-
-    @property
-    def needs(self) -> list[KeyPath]:
-        """Paths of the resources."""
-        return [("resources", name) for name in self.resources.values()]
 
 
 def make_plans(scenario: Scenario) -> list[Plan]:
@@ -87,15 +64,29 @@ def _plan(
     faults: list[Fault],
 ) -> Plan | None:
     """Return the plan of one resource or component; what is wrong is appended to ``faults``."""
-    is_component = isinstance(spec, ComponentSpec)
-    path: KeyPath = ("components" if is_component else "resources", spec.name)
+    path: KeyPath = _path(spec)
     try:
-        factory = resolve(spec.use, folders[0])
+        file = find_file(spec.use, folders)
+        factory = resolve(spec.use, folders[0]) if file is None else resolve(FILES[file[0]])
         takes = constructor(factory)
     except ValueError as error:
         where = (*path, "use")
         faults.append(Fault(root.place(where), f"{dotted(where)}: {error}", where))
         return None
+    arguments: dict[str, Any] = {}
+    if isinstance(spec, ComponentSpec):
+        told = {"latency_s": spec.latency_s, "instance_name": spec.name}
+        arguments = {name: told[name] for name in TOLD if name in takes.injected}
+    if isinstance(spec, ComponentSpec) and file is not None:
+        found = file_arguments(spec, takes, *file, root, faults)
+        if found is None:
+            return None
+        arguments["parameters"], notes = found
+        return Plan(path, factory, arguments, {}, notes)
+    if isinstance(spec, ComponentSpec) and spec.fmu:
+        where = (*path, "fmu")
+        what = f"{dotted(where)}: not an FMU, got {spec.use!r}"
+        faults.append(Fault(root.place_of_key(where), what, where))
     injected = {
         key: match[1]
         for key, value in spec.parameters.items()
@@ -105,9 +96,6 @@ def _plan(
     for key, what in _wrong_injections(spec, takes, injected, resources).items():
         full = (*where, key)
         faults.append(Fault(root.place(full), f"{dotted(full)}: {what}", full))
-    arguments: dict[str, Any] = {}
-    if is_component and "latency_s" in takes.injected:
-        arguments["latency_s"] = spec.latency_s
     plain = {k: v for k, v in spec.parameters.items() if k not in {**injected, **takes.injected}}
     if takes.record is not None:
         arguments["parameters"] = validate(
@@ -121,6 +109,10 @@ def _plan(
     return Plan(path, factory, arguments, injected)
 
 
+def _path(spec: ResourceSpec | ComponentSpec) -> KeyPath:
+    return ("components" if isinstance(spec, ComponentSpec) else "resources", spec.name)
+
+
 def _wrong_injections(
     spec: ResourceSpec | ComponentSpec,
     takes: Constructor,
@@ -129,7 +121,7 @@ def _wrong_injections(
 ) -> dict[str, str]:
     """Return what is wrong with the resources a constructor is given, by argument."""
     wrong: dict[str, str] = {}
-    accepted = [name for name in takes.injected if name != "latency_s"]
+    accepted = [name for name in takes.injected if name not in TOLD]
     for key, name in injected.items():
         if key not in accepted:
             near = nearest(key, accepted) or f", expected one of {accepted}" if accepted else ""

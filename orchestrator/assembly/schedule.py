@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import gcd, lcm
 from typing import TypeVar
 
-from orchestrator.assembly.clock import SECOND, period_ns, whole_ticks
+from orchestrator.assembly.clock import SECOND, is_multiple, period_ns, whole_ticks
 from orchestrator.assembly.connections import Ports
 from orchestrator.assembly.feedthrough import calls, ordered
 from orchestrator.assembly.system import Link, Operation, Schedule
@@ -42,6 +42,7 @@ def compile_schedule(
     periods = _periods(scenario, executions, problems)
     if problems:
         raise ScenarioError(problems)
+    _check_internal_steps(executions, periods, problems)
     base, hyperperiod = gcd(*periods.values()), lcm(*periods.values())
     end = _ticks(scenario.duration_s, base, ("duration_s",), problems)
     latencies: dict[str, int] = {}
@@ -118,6 +119,22 @@ def _periods(
         except ValueError as error:
             problems.append(_problem(("components", spec.name, "rate_hz"), str(error)))
     return periods
+
+
+def _check_internal_steps(
+    executions: Mapping[str, Execution], periods: Mapping[str, int], problems: list[Problem]
+) -> None:
+    """Refuse communication steps that are no whole number of an FMU's fixed internal steps."""
+    for name, execution in executions.items():
+        internal: float | None = getattr(execution, "internal_step_s", None)
+        step = periods[name] / SECOND
+        if internal is not None and not is_multiple(step, internal):
+            least = max(1, round(step / internal)) * internal
+            fault = (
+                f"a communication step that the FMU cannot take, got {step} s, "
+                f"expected a multiple of its internal step of {internal} s, such as {least:g} s"
+            )
+            problems.append(_problem(("components", name, "rate_hz"), fault))
 
 
 def _ticks(seconds: float, base: int, path: Path, problems: list[Problem]) -> int:

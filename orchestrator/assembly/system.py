@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from orchestrator.assembly.description import Port
 from orchestrator.component import Instance
 from orchestrator.scenario.records import Scenario
+
+if TYPE_CHECKING:
+    from orchestrator.assembly.plans import Plan
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,8 @@ class Schedule:
 class System:
     """What ``simulate`` runs; made by :func:`orchestrator.assembly.couple.couple`.
 
-    ``ports`` is every variable of every component, ``log`` what happened while coupling.
+    ``ports`` is every variable of every component, ``log`` what happened while coupling, ``plans``
+    what its parts were made from, in the order of making.
     """
 
     instances: dict[str, Instance]
@@ -77,3 +81,4 @@ class System:
     links: tuple[Link, ...]
     scenario: Scenario
     log: list[str] = field(default_factory=list[str])
+    plans: "tuple[Plan, ...]" = ()

@@ -11,7 +11,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
@@ -185,7 +185,7 @@ def inspect(use: str, /, *, scenario: Path | None = None) -> None:
     Parameters
     ----------
     use
-        The name of an installed component, or module:attribute.
+        An FMU, a recording, the name of an installed component, or module:attribute.
     scenario
         A scenario that holds one, where its defaults are not enough to make one.
     """
@@ -198,36 +198,41 @@ def inspect(use: str, /, *, scenario: Path | None = None) -> None:
     with _user_errors():
         factory = find(use)
         record = constructor(factory).record
+        is_fmu = record is not None and "event_mode" in record.__dataclass_fields__
         if record is not None:
-            print_table(f"{use}: parameters", parameters_table(adapter(record).json_schema()))
+            what = "options, under 'fmu' in a scenario" if is_fmu else "parameters"
+            print_table(f"{use}: {what}", parameters_table(adapter(record).json_schema()))
         if isinstance(factory, type) and not hasattr(factory, "describe"):
             return  # a resource
-        arguments, where = example(factory, scenario)
+        _, arguments, where = example(use, scenario)
         described = ports(use, factory(**arguments).describe())
-    print_table(f"\n{use}: variables, made with {where}", variables_table(described.values()))
+    table = variables_table(described.values(), has_fixed=is_fmu)
+    print_table(f"\n{use}: variables, made with {where}", table)
 
 
 @app.command
-def check(use: str, /, *, scenario: Path | None = None) -> int:
-    """Check that a component keeps the contract.
+def check(use: str, /, *, scenario: Path | None = None, timeout_s: float = 60.0) -> int:
+    """Check that a component keeps the contract; exit code 1 if it does not.
 
     Parameters
     ----------
     use
-        The name of an installed component, or module:attribute.
+        An FMU, the name of an installed component, or module:attribute.
     scenario
         A scenario that holds one, where its defaults are not enough to make one.
+    timeout_s
+        How long each clause may take, s; the first may have to compile.
     """
-    from orchestrator.assembly.examples import example, find
+    from orchestrator.assembly.examples import example
+    from orchestrator.command.tables import clauses_table
+    from orchestrator.command.terminal import print_table
     from orchestrator.conformance.check import check_component
 
     with _user_errors():
-        factory = find(use)
-        arguments, where = example(factory, scenario)
-    clauses = check_component(f"{factory.__module__}:{factory.__qualname__}", arguments)
-    print(f"{use}, made with {where}")
-    for clause in clauses:
-        print(clause)
+        factory, arguments, where = example(use, scenario)
+        name = f"{factory.__module__}:{factory.__qualname__}"
+        clauses = check_component(name, arguments, timeout_s=timeout_s)
+    print_table(f"{use}, made with {where}", clauses_table(clauses))
     return int(any(clause.verdict == "failed" for clause in clauses))
 
 
@@ -309,6 +314,147 @@ def metrics(recording: Path, /, *, json: Json = False) -> None:
         from orchestrator.command.terminal import print_table
 
         print_table(recording.stem, flight_table(figures, recording))
+
+
+@app.command
+def replay(
+    recording: Path,
+    /,
+    *,
+    out: Path | None = None,
+    trust: Annotated[bool, Parameter(name="--trust", negative="")] = False,
+) -> int:
+    """Fly a recorded flight again and compare every bit; exit code 1 if one differs.
+
+    Parameters
+    ----------
+    recording
+        An MCAP file; what its scenario names is looked up beside it first.
+    out
+        Keep the second flight's recording here.
+    trust
+        Run what did not come with Hedgehop without asking.
+    """
+    from tempfile import TemporaryDirectory
+
+    from orchestrator.command.terminal import agreed, progress_bar, signals
+    from orchestrator.flight import check_writable
+    from orchestrator.playback.replay import foreign, recorded_scenario
+    from orchestrator.playback.replay import replay as fly_again
+    from orchestrator.recording.reader import Recording
+
+    with _user_errors():
+        recorded = Recording.open(recording)
+        scenario = recorded_scenario(recorded)
+        strangers = foreign(scenario)
+        if strangers and not trust and not agreed(f"{recording} runs {', '.join(strangers)}"):
+            what = f"runs code that did not come with hedgehop: {', '.join(strangers)}"
+            raise ValueError(f"{recording}: {what}, expected --trust")
+        if out is not None:
+            check_writable(out)
+        with TemporaryDirectory() as folder, signals() as caught:
+            file = out or Path(folder) / "replay.mcap"
+            with progress_bar(round(scenario.duration_s * 1e9)) as progress:
+                found = fly_again(recorded, file, progress, lambda: bool(caught))
+    if caught:
+        return 128 + caught[0]
+    if not found.differences:
+        print(f"{recording}: flown again, no difference")
+        return 0
+    for key, (then, now) in found.changes.items():
+        print(f"{key}: {then} then, {now} now")
+    print(f"first difference: {found.differences[0]}")
+    print(f"{len(found.differences)} signals or events differ")
+    return 1
+
+
+@app.command
+def export_ssp(
+    scenario: Path,
+    /,
+    *,
+    out: Annotated[Path, Parameter(name=("--out", "-o"))],
+    overrides: Overrides = None,
+) -> None:
+    """Write a scenario as an SSP 1.0 archive, its components as FMUs, for other masters.
+
+    Parameters
+    ----------
+    scenario
+        The scenario's YAML file.
+    out
+        The archive to write, ending in .ssp.
+    overrides
+        A value to change, as components.mpc.parameters.basis=tent; may be repeated.
+    """
+    from orchestrator.exchange.ssp import export_ssp as write
+
+    with _user_errors():
+        for line in write(scenario, out, overrides or ()):
+            print(f"note: {line}", file=sys.stderr)
+    print(f"{out}: written")
+
+
+@app.command
+def import_ssp(
+    archive: Path,
+    /,
+    *,
+    out: Annotated[Path, Parameter(name=("--out", "-o"))],
+    duration_s: float | None = None,
+) -> None:
+    """Unpack an SSP 1.0 archive and write the scenario that runs it; nothing is run.
+
+    Parameters
+    ----------
+    archive
+        The .ssp file.
+    out
+        The folder to write to.
+    duration_s
+        Simulated time, where the archive says none or another is wanted.
+    """
+    from orchestrator.exchange.ssp import import_ssp as read
+
+    with _user_errors():
+        print(f"{read(archive, out, duration_s)}: written")
+
+
+@app.command
+def export(
+    component: str,
+    /,
+    *,
+    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    fmi: Literal[2, 3] = 3,
+    scenario: Path | None = None,
+    overrides: Overrides = None,
+    c: Annotated[bool, Parameter(name="--c", negative="")] = False,
+) -> None:
+    """Write a component as an FMU for co-simulation.
+
+    Parameters
+    ----------
+    component
+        The name of an installed component, module:attribute, or a name in the scenario.
+    out
+        The FMU to write.
+    fmi
+        Version of the standard, 2 or 3.
+    scenario
+        A scenario that holds the component, where its defaults are not enough or not meant.
+    overrides
+        A value of the scenario to change, as components.vehicle.parameters.speed_mps=20.
+    c
+        Write C sources in place of Python, if the component has them.
+    """
+    from orchestrator.export.export import choose
+    from orchestrator.export.export import export as write
+
+    with _user_errors():
+        chosen = choose(component, scenario, overrides or ())
+        write(chosen, out, fmi=fmi, language="c" if c else "python")
+    print(f"{out}: FMI {fmi}.0, made with {chosen.origin}")
 
 
 @contextmanager

@@ -2,14 +2,18 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from orchestrator.assembly.description import Port
 from orchestrator.component import Value
 from orchestrator.scenario.wording import expected, keys, show, unit_of
+
+if TYPE_CHECKING:
+    from orchestrator.conformance.check import Clause
 
 FIGURES = {  # metric: what the closing table calls it, format
     "clearance_min_m": ("minimum clearance", "{:.2f} m"),
@@ -48,13 +52,14 @@ def flight_table(metrics: Mapping[str, Any], recording: Path | None) -> Table:
     return table
 
 
-def variables_table(ports: Iterable[Port]) -> Table:
-    """Return a component's variables."""
+def variables_table(ports: Iterable[Port], *, has_fixed: bool = False) -> Table:
+    """Return a component's variables; with its fixed parameters too, if asked for."""
     table = _table()
     for heading in ("name", "causality", "type", "shape", "unit", "start", "meaning"):
         table.add_column(heading, overflow="fold")
     for port in ports:
-        if port.causality in ("input", "output") or port.variability == "tunable":
+        is_fixed = has_fixed and port.causality == "parameter"
+        if port.causality in ("input", "output") or port.variability == "tunable" or is_fixed:
             shape = " x ".join(map(str, port.shape))
             items = ", ".join(port.items.values())
             table.add_row(
@@ -99,6 +104,17 @@ def components_table(rows: Iterable[tuple[str, str, str]]) -> Table:
         table.add_column(heading, overflow="fold")
     for row in rows:
         table.add_row(*row)
+    return table
+
+
+def clauses_table(clauses: "Iterable[Clause]") -> Table:
+    """Return what became of every clause of the contract."""
+    table = _table()
+    for heading in ("clause", "verdict", "promise", "detail"):
+        table.add_column(heading, overflow="fold")
+    for clause in clauses:
+        style = {"passed": "green", "failed": "bold red"}.get(clause.verdict)
+        table.add_row(clause.name, Text(clause.verdict, style or ""), clause.promise, clause.detail)
     return table
 
 

@@ -23,6 +23,14 @@ def announce(name: str) -> None:
         print(f"preparing {name} ...", file=sys.stderr)  # noqa: T201
 
 
+def agreed(what: str) -> bool:
+    """Ask on the terminal whether to go on; without a terminal the answer is no."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    print(f"{what}. Go on? [y/N] ", end="", file=sys.stderr, flush=True)  # noqa: T201
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
 @contextmanager
 def progress_bar(end_ns: int) -> Generator[Callable[[int], None] | None]:
     """Show how much has been flown, on stderr, if that is a terminal."""

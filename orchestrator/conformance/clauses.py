@@ -3,9 +3,7 @@
 import pickle
 import random
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
-from multiprocessing import get_context
+from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,6 +13,7 @@ from orchestrator.assembly.clock import SECOND, period_ns
 from orchestrator.assembly.description import Port, mismatch, ports
 from orchestrator.component import INTERFACE, Component, Instance, Status, Value
 from orchestrator.errors import CouplingError
+from orchestrator.isolation.process import Process
 from orchestrator.run.finite import nonfinite
 
 if TYPE_CHECKING:
@@ -63,12 +62,19 @@ class Case:
         known = {n: value for n, value in start.items() if value is not None}
         return {**known, **(self.given or {})}
 
+    def size(self, instance: Instance) -> float:
+        """Return the step size, s."""
+        return self.step_s or period_ns(instance.component.execution.rate_hz) / SECOND
+
+    def fresh(self) -> "Case":
+        """Return a case that has made nothing, for another process."""
+        return replace(self, made=[])
+
     def run(
         self, instance: Instance, first: int, count: int, *, reads: int = 1
     ) -> list[dict[str, Value]]:
         """Take ``count`` steps from step ``first`` on and return the outputs after each."""
-        rate = instance.component.execution.rate_hz
-        size = self.step_s or period_ns(rate) / SECOND
+        size = self.size(instance)
         names = _outputs(ports(instance.name, instance.description))
         rows: list[dict[str, Value]] = []
         for k in range(first, first + count):
@@ -219,18 +225,60 @@ def state(case: Case) -> str:
     case.run(instance, 0, case.steps)
     state = instance.get_state()
     here = _bits(case.run(instance, case.steps, case.steps))
-    fresh = Case(case.factory, case.arguments, case.step_s, case.steps, case.given)
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        there = pool.submit(_continued, fresh, state).result()
-    _refuse("" if here == there else "outputs after the restored state differ")
+    process = Process()
+    try:
+        there = process.ask("call", _continued, case.fresh(), state)
+    finally:
+        process.close()
+    wrong = "canSerializeFMUstate does not hold: outputs after the restored state differ"
+    _refuse("" if here == there else wrong)
     return f"{len(state)} bytes"
+
+
+def snapshot(case: Case) -> None:
+    """Keep a state in the same instance, go on, go back, and compare."""
+    instance, _ = case.started()
+    component: Any = instance.component
+    co_simulation = instance.description.coSimulation
+    if not hasattr(component, "snapshot"):
+        raise NotApplicable("there is none")
+    if co_simulation is None or not co_simulation.canGetAndSetFMUstate:
+        raise NotApplicable("canGetAndSetFMUstate is not advertised")
+    case.run(instance, 0, case.steps)
+    kept = component.snapshot()
+    rows: list[bytes] = []
+    for _ in range(2):
+        rows.append(_bits(case.run(instance, case.steps, case.steps)))
+        component.rewind(kept)
+    component.release(kept)
+    wrong = "canGetAndSetFMUstate does not hold: outputs after going back differ"
+    _refuse("" if rows[0] == rows[1] else wrong)
+
+
+def step_sizes(case: Case) -> None:
+    """Take steps of half and of twice the size."""
+    instance, own = case.started()
+    co_simulation = instance.description.coSimulation
+    if co_simulation is None or not co_simulation.canHandleVariableCommunicationStepSize:
+        raise NotApplicable("canHandleVariableCommunicationStepSize is not advertised")
+    size, time = case.size(instance), 0.0
+    for part in (0.5 * size, 0.5 * size, 2.0 * size, size):
+        answer = instance.step(time, part)
+        wrong = f"does not hold: a step of {part:g} s answered {answer!r}"
+        _refuse(
+            "" if answer <= Status.WARNING else f"canHandleVariableCommunicationStepSize {wrong}"
+        )
+        time += part
+    _refuse(nonfinite(own, instance.get(_outputs(own))) or "")
 
 
 def _continued(case: Case, state: bytes) -> bytes:
     """Return the outputs of a new component that goes on from a saved state."""
     instance, _ = case.started()
     instance.set_state(state)
-    return _bits(case.run(instance, case.steps, case.steps))
+    rows = _bits(case.run(instance, case.steps, case.steps))
+    instance.terminate()
+    return rows
 
 
 def _refuse(fault: str) -> None:

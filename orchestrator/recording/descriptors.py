@@ -21,6 +21,7 @@ _KINDS = {
     "integer": "sfixed64",
     "boolean": "bool",
     "string": "string",
+    "binary": "bytes",
     "enumeration": "enum",
 }
 _TYPES = {
@@ -29,6 +30,7 @@ _TYPES = {
     "fixed64": FieldDescriptorProto.TYPE_FIXED64,
     "bool": FieldDescriptorProto.TYPE_BOOL,
     "string": FieldDescriptorProto.TYPE_STRING,
+    "bytes": FieldDescriptorProto.TYPE_BYTES,
     "enum": FieldDescriptorProto.TYPE_ENUM,
 }
 

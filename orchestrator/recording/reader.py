@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from orchestrator.errors import nearest
 from orchestrator.listener import Result
+from orchestrator.recording.inventory import INVENTORY
 from orchestrator.recording.messages import Messages, Signal, column, signals
 from orchestrator.recording.topics import EVENTS, WALL_CLOCK
 
@@ -37,7 +38,7 @@ class Recording:
 
     `recording["vehicle.state.u"]` is `(times_s, values)`, as in a trace: simulated seconds (n,) and
     values (n,) or (n, *shape). A variable that was only written where it changed has that many
-    samples.
+    samples. ``components`` is what :mod:`orchestrator.recording.inventory` says of each.
     """
 
     path: Path
@@ -45,6 +46,7 @@ class Recording:
     topics: Mapping[str, Messages]
     signals: Mapping[str, Signal]
     scenario: Mapping[str, Any]
+    components: Mapping[str, Any]
     provenance: Mapping[str, str]
     scene: Mapping[str, str]
     summary: Mapping[str, str]
@@ -169,6 +171,7 @@ def _read(path: Path, stream: BinaryIO) -> Recording:
         topics=topics,
         signals={signal.name: signal for signal in found},
         scenario=json.loads(attachments["scenario.json"]),
+        components=json.loads(attachments.get(INVENTORY, "{}")),
         provenance=tables["hedgehop.provenance"],
         scene=tables["hedgehop.scene"],
         summary=tables.get("hedgehop.summary", {}),

@@ -4,39 +4,27 @@ import json
 import logging
 import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import ExitStack, suppress
 from importlib.metadata import version
 from io import BufferedWriter, FileIO
 from pathlib import Path
 from typing import Any
 
-from mcap.writer import CompressionType, Writer
-
 from orchestrator.assembly.system import System
 from orchestrator.component import Value
 from orchestrator.listener import Result
+from orchestrator.recording.container import Batch, Container
+from orchestrator.recording.inventory import INVENTORY, inventory
 from orchestrator.recording.provenance import EPOCH_NS, document, provenance
+from orchestrator.recording.streams import Row, Stream, instant
 from orchestrator.recording.topics import topics
-from orchestrator.recording.wire import Encoder, timestamp
-from orchestrator.scenario.records import Scenario
 from orchestrator.scenario.yaml_source import dump
 
 FLUSH_NS = 1_000_000_000
-CHUNK_BYTES = 1 << 24  # never reached within a second: the flush decides
+
+Source = tuple[str, str]  # listener call and component; none where it is for all
 
 _log = logging.getLogger("hedgehop")
-
-
-@dataclass(slots=True)
-class _Stream:
-    """An open channel; where only changes are written, `last` is what the next is compared to."""
-
-    channel: int
-    encode: Encoder
-    on_change: bool
-    last: list[bytes] | None = None
-    sequence: int = 0
 
 
 class Recorder:
@@ -63,7 +51,9 @@ class Recorder:
     OSError
         From `open`, if the file cannot be written.
     ValueError
-        From `open`, before the file is touched, if a scene role names nothing to draw.
+        From `open`, before the file is touched, if a scene role names nothing to draw. From any
+        later call, `close` included, if values told before are not what their description says; all
+        others are in the file.
     """
 
     def __init__(
@@ -78,16 +68,17 @@ class Recorder:
         self._wall_clock = wall_clock
         self._metrics = metrics
         self._file: BufferedWriter | None = None
-        self._writer: Writer | None = None
+        self._container: Container | None = None
         self._whole = 0  # bytes of the file that end with a whole record
-        self._streams: dict[tuple[str, str], list[_Stream]] = {}  # by listener call and component
+        self._streams: list[tuple[Source, Stream]] = []
+        self._rows: dict[Source, list[Row]] = {}  # what was told since the last flush
         self._parameters: dict[str, dict[str, Value]] = {}  # all current values by component
         self._untimed: set[str] = set()  # components whose overruns are not recorded
-        self._components: tuple[str, ...] = ()
-        self._steps: dict[str, float] = {}  # measured at self._steps_ns, by component
+        self._steps: dict[str, float] = {}  # measured durations at self._steps_ns, by component
         self._steps_ns = -1
+        self._unmeasured: dict[str, float] = {}
         self._time_ns = -1
-        self._stamp = b""
+        self._instant = b""
         self._flush_ns = FLUSH_NS
 
     @property
@@ -101,124 +92,131 @@ class Recorder:
         if not self._wall_clock:  # an overrun that steers the flight is recorded all the same
             specs = system.scenario.components
             self._untimed = {spec.name for spec in specs if spec.on_overrun == "log"}
-        self._components = tuple(system.ports)
+        self._unmeasured = dict.fromkeys(system.ports, 0.0)
         planned = topics(system, wall_clock=self._wall_clock)
         try:
             self._file = BufferedWriter(FileIO(self.path, "wb"))
-            self._writer = writer = Writer(
-                self._file,
-                chunk_size=CHUNK_BYTES,
-                compression=CompressionType.ZSTD,
-                enable_data_crcs=True,
-            )
-            writer.start(profile="", library=f"hedgehop {version('hedgehop')}")
-            _describe(writer, system.scenario)
+            container = Container(self._file, f"hedgehop {version('hedgehop')}")
+            _describe(container, system)
             for topic in planned:
-                schema = writer.register_schema(topic.message, "protobuf", topic.descriptors)
-                channel = writer.register_channel(
-                    topic.name, "protobuf", schema, dict(topic.metadata)
+                channel = container.add_channel(
+                    topic.name, topic.message, topic.descriptors, topic.metadata
                 )
-                streams = self._streams.setdefault((topic.call, topic.component), [])
-                streams.append(_Stream(channel, topic.encode, topic.on_change))
-            self._flush(writer)
+                source = topic.call, topic.component
+                self._streams.append((source, Stream(channel, topic)))
+                self._rows[source] = []
+            self._flush_file(self._file)
         except OSError as error:
             self._release()
             raise OSError(f"{self.path}: cannot be written, {error.strerror or error}") from error
+        self._container = container
 
     def outputs(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
-        """Write the groups of a component; wholly discrete ones only where something changed."""
-        self._write(time_ns, ("outputs", component), values)
+        """Keep a component's outputs; wholly discrete groups are written where they changed."""
+        self._keep(time_ns, ("outputs", component), values)
 
     def inputs(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
-        """Write the given inputs; the others are absent from the message."""
-        self._write(time_ns, ("inputs", component), values)
+        """Keep the given inputs; the others are absent from the message."""
+        self._keep(time_ns, ("inputs", component), values)
 
     def parameters(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
-        """Write all parameters of a component, of which `values` are new."""
-        current = self._parameters.setdefault(component, {})
-        current.update(values)
-        self._write(time_ns, ("parameters", component), current)
+        """Keep all parameters of a component, of which `values` are new."""
+        current = self._parameters.get(component, {}) | dict(values)
+        self._parameters[component] = current
+        self._keep(time_ns, ("parameters", component), current)
 
     def event(self, time_ns: int, kind: str, component: str, message: str, /) -> None:
-        """Write what happened, unless it is a measurement that nobody asked to record."""
+        """Keep what happened, unless it is a measurement that nobody asked to record."""
         if kind != "overrun" or component not in self._untimed:
             values = {"kind": kind, "component": component, "message": message}
-            self._write(time_ns, ("event", ""), values)
+            self._keep(time_ns, ("event", ""), values)
 
     def log(self, time_ns: int, level: int, name: str, message: str, /) -> None:
-        """Write a line of text; levels of `logging` are ten times those of `foxglove.Log`."""
+        """Keep a line of text; levels of `logging` are ten times those of `foxglove.Log`."""
         values = {"level": min(max(level // 10, 1), 5), "name": name, "message": message}
-        self._write(time_ns, ("log", ""), values)
+        self._keep(time_ns, ("log", ""), values)
 
     def wall_clock(self, time_ns: int, component: str, elapsed_s: float, /) -> None:
         """Keep the measured duration of a step, if wanted; one message tells all of an instant."""
         if time_ns != self._steps_ns:
-            self._write_steps()
+            self._steps = dict(self._unmeasured)
             self._steps_ns = time_ns
-        self._steps[component] = self._steps.get(component, 0.0) + elapsed_s
-
-    def _write_steps(self) -> None:
-        if self._steps:
-            values = dict.fromkeys(self._components, 0.0) | self._steps
-            self._write(self._steps_ns, ("wall_clock", ""), values)
-            self._steps = {}
+            self._keep(time_ns, ("wall_clock", ""), self._steps)
+        self._steps[component] += elapsed_s
 
     def close(self, result: Result, /) -> None:
         """Write the summary and finish the file; again, or without `open`, it does nothing."""
-        writer = self._writer
-        if writer is None:
+        container = self._container
+        if container is None:
             return
+        with ExitStack() as last:  # whatever fails, the rest is done
+            last.callback(self._release)
+            last.callback(self._finish, container, result)
+            self._flush()
+
+    def _keep(self, time_ns: int, source: Source, values: Mapping[str, Any]) -> None:
+        """Keep values until the next flush: nobody changes them."""
+        if time_ns != self._time_ns:
+            if time_ns >= self._flush_ns:  # at most one simulated second waits in memory
+                self._flush()
+                self._flush_ns = (time_ns // FLUSH_NS + 1) * FLUSH_NS
+            self._time_ns = time_ns
+            self._instant = instant(EPOCH_NS + time_ns)
+        rows = self._rows.get(source)
+        if rows is not None:
+            rows.append((EPOCH_NS + time_ns, self._instant, values))
+
+    def _flush(self) -> None:
+        """Write what was kept.
+
+        Raises
+        ------
+        ValueError
+            If some of it cannot be; everything else has been written.
+        """
+        container, file = self._container, self._file
+        if container is None or file is None or self.failure is not None:
+            return
+        batches: list[Batch] = []
+        refusals: list[ValueError] = []
+        for source, stream in self._streams:
+            if self._rows[source]:
+                times, records, refusal = stream.records(self._rows[source])
+                if records:
+                    batches.append((stream.channel, times, records))
+                refusals += [] if refusal is None else [refusal]
+        for rows in self._rows.values():
+            rows.clear()
+        try:
+            container.add_messages(batches)
+            self._flush_file(file)
+        except OSError as error:
+            self._fail(error)
+        if refusals:
+            raise refusals[0]
+
+    def _flush_file(self, file: BufferedWriter) -> None:
+        file.flush()
+        self._whole = file.tell()
+
+    def _finish(self, container: Container, result: Result) -> None:
         summary: dict[str, str] = {}
         try:
             summary = self._summary(result)
         finally:
             try:
                 if self.failure is None:
-                    self._write_steps()
-                    self._flush(writer)
-                    writer.add_metadata("hedgehop.summary", summary)
-                    writer.finish()
+                    container.add_metadata("hedgehop.summary", summary)
+                    container.finish()
             except OSError as error:
                 self._fail(error)
-            self._release()
-
-    def _write(self, time_ns: int, source: tuple[str, str], values: Mapping[str, Any]) -> None:
-        writer = self._writer
-        if writer is None or self.failure is not None:
-            return
-        if time_ns != self._time_ns:
-            self._advance(writer, time_ns)
-        now_ns, stamp = EPOCH_NS + time_ns, self._stamp
-        for stream in self._streams.get(source, ()):
-            parts = stream.encode(values)
-            if stream.on_change:
-                if parts == stream.last:
-                    continue
-                stream.last = parts
-            stream.sequence += 1
-            data = b"".join((stamp, *parts))
-            writer.add_message(stream.channel, now_ns, data, now_ns, stream.sequence)
-
-    def _advance(self, writer: Writer, time_ns: int) -> None:
-        """Move on to another instant; at most one simulated second waits in memory."""
-        self._time_ns = time_ns
-        self._stamp = timestamp(EPOCH_NS + time_ns)
-        if time_ns >= self._flush_ns:
-            self._flush_ns = (time_ns // FLUSH_NS + 1) * FLUSH_NS
-            try:
-                self._flush(writer)
-            except OSError as error:
-                self._fail(error)
-
-    def _flush(self, writer: Writer) -> None:
-        writer.flush()
-        if self._file is not None:
-            self._whole = self._file.tell()
 
     def _fail(self, error: OSError) -> None:
         """Give up recording, and say so where it is still possible: the file is not."""
         if self.failure is None:
             self.failure = error
+            self._rows.clear()
+            self._streams.clear()
             after = f"after {self._time_ns / 1e9:g} s of simulated time"
             _log.error("%s: recording stopped %s, %s", self.path, after, error.strerror or error)
 
@@ -240,7 +238,8 @@ class Recorder:
         return entries
 
     def _release(self) -> None:
-        self._writer = None
+        self._container = None
+        self._rows.clear()
         if self._file is not None:
             with suppress(OSError):
                 self._file.close()
@@ -250,12 +249,14 @@ class Recorder:
                     os.truncate(self.path, self._whole)
 
 
-def _describe(writer: Writer, scenario: Scenario) -> None:
+def _describe(container: Container, system: System) -> None:
     """Write what is known before the run: the scenario, where it comes from, what viewers draw."""
-    plain = document(scenario)
+    plain = document(system.scenario)
     yaml, media = dump(plain).encode(), "application/yaml"
-    writer.add_attachment(EPOCH_NS, EPOCH_NS, "scenario.yaml", media, yaml)
+    container.add_attachment(EPOCH_NS, "scenario.yaml", media, yaml)
     text = json.dumps(plain, indent=2, ensure_ascii=False)
-    writer.add_attachment(EPOCH_NS, EPOCH_NS, "scenario.json", "application/json", text.encode())
-    writer.add_metadata("hedgehop.provenance", provenance(scenario))
-    writer.add_metadata("hedgehop.scene", dict(scenario.scene))
+    container.add_attachment(EPOCH_NS, "scenario.json", "application/json", text.encode())
+    components = json.dumps(inventory(system), ensure_ascii=False).encode()
+    container.add_attachment(EPOCH_NS, INVENTORY, "application/json", components)
+    container.add_metadata("hedgehop.provenance", provenance(system))
+    container.add_metadata("hedgehop.scene", system.scenario.scene)

@@ -1,6 +1,6 @@
 """What a recording of a system consists of: every topic, its message type and who feeds it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -11,7 +11,7 @@ from orchestrator.assembly.units import Unit
 from orchestrator.recording.descriptors import descriptors
 from orchestrator.recording.schemas import Channel, channel, channels
 from orchestrator.recording.views import file_descriptors, views
-from orchestrator.recording.wire import Encoder, WireField, encoder, partial_encoder
+from orchestrator.recording.wire import Layout, WireField, layout, partial_layout
 
 # roles whose every publishing counts in the metrics, whether or not a value is new
 COUNTED = ("pose", "velocity", "clearance", "load_factor", "controls", "ladder")
@@ -29,10 +29,12 @@ class Topic:
         The listener call that feeds it, and for which component; no component means any.
     message, descriptors
         Full name of the message type, and its serialised `FileDescriptorSet`.
-    encode
-        From the values of the call to the parts of a message without its time stamp.
-    on_change
-        Whether a message equal to the last one is left out.
+    layout
+        Of a message, by the names of the values that are told.
+    is_partial
+        Whether a call need not tell all values.
+    watched
+        Where these variables make a message equal to the last one, it is left out; empty: none is.
     """
 
     name: str
@@ -40,9 +42,10 @@ class Topic:
     component: str
     message: str
     descriptors: bytes
-    encode: Encoder
+    layout: Callable[[Collection[str]], Layout]
     metadata: Mapping[str, str] = field(default_factory=dict[str, str])
-    on_change: bool = False
+    is_partial: bool = False
+    watched: tuple[str, ...] = ()
 
 
 def topics(system: System, *, wall_clock: bool) -> list[Topic]:
@@ -54,20 +57,20 @@ def topics(system: System, *, wall_clock: bool) -> list[Topic]:
         If a scene role names nothing to draw.
     """
     made = [
-        _signals(each, system.scenario.scene)
+        signals(each, system.scenario.scene)
         for component, ports in system.ports.items()
         for each in channels(component, ports.values())
     ]
-    made += [_signals(each, system.scenario.scene) for each in _changed_inputs(system)]
+    made += [signals(each, system.scenario.scene) for each in _changed_inputs(system)]
     for view in views(system.scenario.scene, system.ports):
         name, data = view.message.DESCRIPTOR.full_name, file_descriptors(view.message)
-        made.append(Topic(view.topic, "outputs", view.component, name, data, view.encode))
+        made.append(Topic(view.topic, "outputs", view.component, name, data, _always(view.layout)))
     log = [
         WireField(2, "level", "enum"),
         WireField(3, "message", "string"),
         WireField(4, "name", "string"),
     ]
-    made.append(Topic(LOG, "log", "", "foxglove.Log", file_descriptors(Log), encoder(log)))
+    made.append(Topic(LOG, "log", "", "foxglove.Log", file_descriptors(Log), _always(layout(log))))
     made.append(
         _own(EVENTS, "event", "Event", [_text("kind"), _text("component"), _text("message")])
     )
@@ -78,7 +81,8 @@ def topics(system: System, *, wall_clock: bool) -> list[Topic]:
     return made
 
 
-def _signals(each: Channel, scene: Mapping[str, str]) -> Topic:
+def signals(each: Channel, scene: Mapping[str, str]) -> Topic:
+    """Return the topic of a channel of component variables; the scene's roles say what counts."""
     names = [str(port) for port in each.ports]
     counted = any(
         name == scene.get(role) or name.startswith(f"{scene.get(role)}.")
@@ -86,16 +90,18 @@ def _signals(each: Channel, scene: Mapping[str, str]) -> Topic:
         for name in names
     )
     on_change = each.kind == "outputs" and each.is_discrete and not counted
-    make = encoder if each.kind == "outputs" else partial_encoder
+    is_partial = each.kind != "outputs"
+    fields = each.wire_fields()
     return Topic(
         name=each.topic,
         call=each.kind,
         component=each.component,
         message=each.message,
         descriptors=each.descriptors,
-        encode=make(each.wire_fields()),
+        layout=partial_layout(fields) if is_partial else _always(layout(fields)),
         metadata=each.metadata | ({"written": "on change"} if on_change else {}),
-        on_change=on_change,
+        is_partial=is_partial,
+        watched=tuple(port.name for port in each.ports) if on_change else (),
     )
 
 
@@ -125,5 +131,9 @@ def _own(name: str, call: str, title: str, ports: list[Port]) -> Topic:
         descriptors=descriptors("hedgehop", title, [port.name for port in ports], ports),
     )
     units = {f"unit.{p.name}": p.unit.name for p in ports if p.unit is not None}
-    encode = encoder(each.wire_fields())
-    return Topic(name, call, "", each.message, each.descriptors, encode, units)
+    laid_out = _always(layout(each.wire_fields()))
+    return Topic(name, call, "", each.message, each.descriptors, laid_out, units)
+
+
+def _always(one: Layout) -> Callable[[Collection[str]], Layout]:
+    return lambda _: one

@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from operator import itemgetter
-from struct import Struct
-from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
@@ -15,14 +13,14 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from orchestrator.assembly.description import Port, members
 from orchestrator.recording.frames import BODY, MAP, ned_to_enu, orientation
-from orchestrator.recording.wire import LENGTH, Encoder, delimited, tag
+from orchestrator.recording.wire import LENGTH, Buffer, Layout, Values, delimited, packer, tag
 
 POSE = ("north", "east", "down", "phi", "theta", "psi")
 PATH = ("north", "east", "down")
 
-_VECTOR, _VECTOR_SIZE = "BdBdBd", 27  # foxglove.Vector3 and Point3: fields 1 to 3
-_QUATERNION, _QUATERNION_SIZE = "BdBdBdBd", 36
-_T1, _T2, _T3, _T4 = 0x09, 0x11, 0x19, 0x21  # tags of doubles in fields 1 to 4
+# foxglove.Vector3, Point3 and Quaternion: doubles in the fields 1 to 3 or 4
+_VECTOR, _VECTOR_SIZE = (b"\x09", "d", b"\x11", "d", b"\x19", "d"), 27
+_QUATERNION, _QUATERNION_SIZE = (*_VECTOR, b"\x21", "d"), 36
 # foxglove.Pose in field 3: position in its field 1, orientation in 2, each with tag and length
 _POSE_HEAD = tag(3, LENGTH) + bytes([2 + _VECTOR_SIZE + 2 + _QUATERNION_SIZE])
 
@@ -34,7 +32,7 @@ class View:
     topic: str
     component: str
     message: type[Message]
-    encode: Encoder
+    layout: Layout
 
 
 def file_descriptors(message: type[Message]) -> bytes:
@@ -78,47 +76,43 @@ def _members(
     return component, tuple(f"{group}.{member}" for member in wanted)
 
 
-def _transform(names: tuple[str, ...]) -> Encoder:
+def _transform(names: tuple[str, ...]) -> Layout:
     head = delimited(2, MAP.encode()) + delimited(3, BODY.encode())
     return _rigid(names, head + tag(4, LENGTH), tag(5, LENGTH))
 
 
-def _pose(names: tuple[str, ...]) -> Encoder:
+def _pose(names: tuple[str, ...]) -> Layout:
     return _rigid(names, delimited(2, MAP.encode()) + _POSE_HEAD + tag(1, LENGTH), tag(2, LENGTH))
 
 
-def _rigid(names: tuple[str, ...], before_vector: bytes, before_quaternion: bytes) -> Encoder:
-    """Return the encoder of a position and an orientation, each behind its tags."""
-    head = before_vector + bytes([_VECTOR_SIZE])
-    middle = before_quaternion + bytes([_QUATERNION_SIZE])
-    pack = Struct(f"<{len(head)}s{_VECTOR}{len(middle)}s{_QUATERNION}").pack
+def _rigid(names: tuple[str, ...], before_vector: bytes, before_quaternion: bytes) -> Layout:
+    """Return the layout of a position and an orientation, each behind its tags."""
     pick = itemgetter(*names)
 
-    def encode(values: Mapping[str, Any]) -> list[bytes]:
+    def scalars(values: Values) -> tuple[float, ...]:
         north, east, down, phi, theta, psi = pick(values)
-        x, y, z = ned_to_enu(north, east, down)
-        qx, qy, qz, qw = orientation(phi, theta, psi)
-        return [pack(head, _T1, x, _T2, y, _T3, z, middle, _T1, qx, _T2, qy, _T3, qz, _T4, qw)]
+        return *ned_to_enu(north, east, down), *orientation(phi, theta, psi)
 
-    return encode
+    vector = before_vector + bytes([_VECTOR_SIZE])
+    quaternion = before_quaternion + bytes([_QUATERNION_SIZE])
+    return Layout((vector, *_VECTOR, quaternion, *_QUATERNION), scalars)
 
 
-def _poses(names: tuple[str, ...]) -> Encoder:
-    """Return the encoder of a path: poses that differ in position only, laid out in one array."""
+def _poses(names: tuple[str, ...]) -> Layout:
+    """Return the layout of a path: poses that differ in position only, laid out in one array."""
     head = _POSE_HEAD + tag(1, LENGTH) + bytes([_VECTOR_SIZE])
-    upright = delimited(2, Struct(f"<{_QUATERNION}").pack(_T1, 0, _T2, 0, _T3, 0, _T4, 1))
-    one = Struct(f"<{len(head)}s{_VECTOR}{len(upright)}s")
-    blank = np.frombuffer(one.pack(head, _T1, 0, _T2, 0, _T3, 0, upright), np.uint8)
     start = len(head)
-    frame = delimited(2, MAP.encode())
+    upright = packer(_QUATERNION)([(0.0, 0.0, 0.0, 1.0)])
+    pack = packer((head, *_VECTOR, delimited(2, upright)))
+    blank = np.frombuffer(pack([(0.0, 0.0, 0.0)]), np.uint8)
     pick = itemgetter(*names)
 
-    def encode(values: Mapping[str, Any]) -> list[bytes]:
+    def rest(values: Values) -> list[Buffer]:
         points = ned_to_enu(*pick(values))
         rows = np.tile(blank, (len(points[0]), 1))
         for axis, coordinate in enumerate(points):
             at = start + 1 + 9 * axis
             rows[:, at : at + 8] = coordinate.astype("<f8").view(np.uint8).reshape(-1, 8)
-        return [frame, rows.tobytes()]
+        return [rows.tobytes()]
 
-    return encode
+    return Layout((delimited(2, MAP.encode()),), lambda _: (), rest)

@@ -52,7 +52,7 @@ def changes(
 def parsed(port: Port, raw: object) -> Value:
     """Return a number, text or list of a scenario as a value of ``port``.
 
-    An integer does for a float, an item's text for an enumeration.
+    An integer does for a float, an item's text for an enumeration, hexadecimal digits for bytes.
 
     Raises
     ------
@@ -70,6 +70,8 @@ def parsed(port: Port, raw: object) -> Value:
         value = float(raw)
     elif port.shape and isinstance(raw, list):
         value = np.array(raw, float if port.kind == "float" else None)
+    elif port.kind == "binary" and isinstance(raw, str):
+        value = bytes.fromhex(raw)
     fault = mismatch(port, value)
     if fault is not None:
         raise ValueError(fault)

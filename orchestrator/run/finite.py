@@ -17,7 +17,7 @@ def finiteness(ports: Mapping[str, Port]) -> Callable[[Mapping[str, Value]], boo
     False is to be looked into by :func:`nonfinite`.
     """
     outputs = {name: port for name, port in ports.items() if port.causality == "output"}
-    if not any(port.shape or port.kind == "string" for port in outputs.values()):
+    if not any(port.shape or port.kind in ("string", "binary") for port in outputs.values()):
         count = len(outputs)
         return lambda values: len(values) == count and isfinite(sum(cast(Any, values.values())))
     floats = [name for name, port in outputs.items() if port.kind == "float"]

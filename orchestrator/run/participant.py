@@ -3,14 +3,15 @@
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
-from typing import cast
+from typing import Any, cast
 
 from orchestrator.assembly.clock import SECOND
 from orchestrator.assembly.description import Port, mismatch
 from orchestrator.assembly.system import Link, Operation, Schedule
-from orchestrator.component import Instance, Restorable, Value
+from orchestrator.component import Instance, Value
 from orchestrator.run.finite import finiteness, nonfinite
-from orchestrator.run.policies import Policies, Step, retrying
+from orchestrator.run.policies import Policies, Step, restarting, retrying
+from orchestrator.run.ranges import outsiders
 from orchestrator.run.report import Ended, Report, at
 from orchestrator.run.wiring import gather
 from orchestrator.scenario.records import ComponentSpec
@@ -55,6 +56,7 @@ class Participant:
         self._is_in_service = True  # False for good once a failed component is held
         self._may_read = True  # False while a policy holds the outputs of the last step
         self._is_finite = finiteness(ports)
+        self._outside = outsiders(ports)
         self._report = report
         self._publish = tuple(listener.outputs for listener in report.listeners)
         self._clocks = tuple(x.wall_clock for x in report.listeners if x.wants_wall_clock)
@@ -65,11 +67,15 @@ class Participant:
         self._instance = instance
         self._policies = Policies(instance, spec, report)
         self._inputs: Callable[[int], Values] = lambda _: {}
-        component = instance.component
-        self._set, self._get = component.set, component.get
-        step: Step = component.step
+        component: Any = instance.component
+        self._set, self._get, step = component.set, component.get, component.step
+        if spec.on_error == "restart":
+            self._set, self._get, step = (
+                restarting(call, component.restart, self._policies.restarted)
+                for call in (self._set, self._get, step)
+            )
         if spec.on_discard == "retry":
-            step = retrying(cast(Restorable, component), step, self._tries)
+            step = retrying(component, step, self._tries)
         self._step = self._timed(step) if self._is_timed else step
 
     def initialize(self, inputs: Values, stop_time: float, seed: int) -> None:
@@ -148,11 +154,16 @@ class Participant:
         """Make outputs valid, unless one is not finite; the last of an instant is told."""
         try:
             wrong = None if self._is_finite(values) else nonfinite(self._ports, values)
+            beyond = () if self._outside is None or wrong else self._outside(values)
         except Exception as error:  # noqa: BLE001  (other names or types than at the start)
             self._fail(time_ns, error)
             return
         if wrong is not None:
             self._policies.found_nonfinite(time_ns, wrong)
+            return
+        if beyond and not self._policies.found_out_of_range(
+            time_ns, [(self._ports[name], values[name]) for name in beyond]
+        ):
             return
         self.values = values
         if self._longest_delay >= 0:

@@ -5,10 +5,13 @@ Whatever happens is an event with its time first; nothing here depends on wall-c
 """
 
 import traceback
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Callable, Iterable
+from typing import Any, Literal
 
-from orchestrator.component import Instance, Restorable, Status
+from orchestrator.assembly.description import Port
+from orchestrator.component import Instance, Status, Value
+from orchestrator.errors import ComponentDied, ComponentTimeout
+from orchestrator.run.ranges import excess
 from orchestrator.run.report import Ended, Report, at
 from orchestrator.scenario.records import ComponentSpec
 
@@ -24,6 +27,8 @@ class Policies:
         self._instance = instance
         self._spec = spec
         self._report = report
+        self._on_error: Literal["hold", "end"] = "hold" if spec.on_error == "hold" else "end"
+        self._told: set[str] = set()  # outputs that have been reported out of range
 
     def answered(self, time_ns: int, status: int) -> bool:
         """Deal with every status but OK; return whether the step's results count."""
@@ -35,20 +40,23 @@ class Policies:
             self._apply(time_ns, "discard", "step is refused (Discard)", policy)
             return False
         self._instance.fail(fatal=status != Status.ERROR)
-        if status == Status.ERROR:
-            self._apply(time_ns, "error", "step failed (Error)", self._spec.on_error)
-        elif status == Status.FATAL:
-            self._apply(time_ns, "error", "step failed (Fatal)", "end")
-        else:
-            what = f"step answered an unknown status, got {status!r}, expected 0 to 4"
-            self._apply(time_ns, "error", what, "end")
+        policy = self._on_error if status == Status.ERROR else "end"
+        self._apply(time_ns, *_fault(status), policy)
         return False
 
     def failed(self, time_ns: int, error: Exception) -> None:
         """Deal with an exception: it counts as Error."""
         self._instance.fail()
-        what = f"failed, {type(error).__name__}: {error}"
-        self._apply(time_ns, "error", what, self._spec.on_error, error)
+        self._apply(time_ns, *_fault(error), self._on_error, error)
+
+    def restarted(self, failure: int | Exception) -> None:
+        """Report a failure after which a new process goes on."""
+        time_ns = self._report.time_ns
+        error = failure if isinstance(failure, Exception) else None
+        self._apply(time_ns, *_fault(failure), "log", error)
+        self._apply(
+            time_ns, "restart", "goes on in a new process, from the last saved state", "log"
+        )
 
     def tried_again(self, time_ns: int, parts: int) -> None:
         """Report that a refused step was tried again in parts."""
@@ -57,6 +65,14 @@ class Policies:
     def found_nonfinite(self, time_ns: int, what: str) -> None:
         """Deal with an output that is NaN or infinite."""
         self._apply(time_ns, "nonfinite", what, self._spec.on_nonfinite)
+
+    def found_out_of_range(self, time_ns: int, found: Iterable[tuple[Port, Value]]) -> bool:
+        """Deal with outputs beyond their bounds, each told once; return whether results count."""
+        for port, value in found:
+            if port.name not in self._told:
+                self._told.add(port.name)
+                self._apply(time_ns, "range", excess(port, value), self._spec.on_range)
+        return self._spec.on_range == "log"
 
     def overran(self, time_ns: int, elapsed_s: float) -> bool:
         """Deal with a step that took longer than its deadline; return whether its results count."""
@@ -75,33 +91,79 @@ class Policies:
         """Report a fault and end the run where the policy says so."""
         reason = f"{at(self._spec.name, time_ns)}: {what}"
         message = f"{reason}, outputs are held" if policy == "hold" else reason
-        if error is not None:
+        if error is not None and kind == "error":
             message += "\n" + "".join(traceback.format_exception(error))
         self._report.event(time_ns, kind, self._spec.name, message)
         if policy == "end":
             raise Ended("component error", reason) from error
 
 
-def retrying(component: Restorable, step: Step, tries: list[int]) -> Step:
+def _fault(failure: int | Exception) -> tuple[str, str]:
+    """Return kind and text of the event for a status or an exception that counts as Error."""
+    if isinstance(failure, ComponentDied):
+        return "died", str(failure)
+    if isinstance(failure, ComponentTimeout):
+        return "timeout", str(failure)
+    if isinstance(failure, Exception):
+        return "error", f"failed, {type(failure).__name__}: {failure}"
+    if failure in (Status.ERROR, Status.FATAL):
+        return "error", f"step failed ({Status(failure).name.capitalize()})"
+    return "error", f"step answered an unknown status, got {failure!r}, expected 0 to 4"
+
+
+def checkpoints(
+    component: Any,
+) -> tuple[Callable[[], Any], Callable[[Any], None], Callable[[Any], None]]:
+    """Return how to keep, restore and forget a component's state within its process."""
+    if hasattr(component, "snapshot"):
+        return component.snapshot, component.rewind, component.release
+    return component.get_state, component.set_state, lambda _: None
+
+
+def retrying(component: Any, step: Step, tries: list[int]) -> Step:
     """Return a step that, when refused, goes back and tries again in 2, 4, ... 64 parts.
 
     The number of parts of every further try is added to ``tries``.
     """
+    save, restore, release = checkpoints(component)
 
     def step_or_retry(time: float, step_size: float) -> int:
-        state = component.get_state()
+        checkpoint = save()
         status = step(time, step_size)
         for halvings in range(1, MOST_HALVINGS + 1):
             if status != Status.DISCARD:
                 break
             parts = 2**halvings
             tries.append(parts)
-            component.set_state(state)
+            restore(checkpoint)
             part = step_size / parts
             for i in range(parts):
                 status = step(time + i * part, part)
                 if status >= Status.DISCARD:
                     break
+        if status < Status.FATAL:
+            release(checkpoint)
         return status
 
     return step_or_retry
+
+
+def restarting(
+    call: Callable[..., Any], restart: Callable[[], None], tell: Callable[[int | Exception], None]
+) -> Callable[..., Any]:
+    """Return a call that is made once more, in a new process, when it fails."""
+
+    def call_or_restart(*arguments: object) -> Any:
+        try:
+            answer = call(*arguments)
+        except Exception as error:  # noqa: BLE001  (whatever a component raises)
+            failure = error
+        else:
+            if not isinstance(answer, int) or answer < Status.ERROR:
+                return answer
+            failure = answer
+        tell(failure)
+        restart()
+        return call(*arguments)
+
+    return call_or_restart

@@ -12,7 +12,11 @@ COUNTED = {
     "discard": "discards",
     "retry": "retries",
     "error": "errors",
+    "died": "deaths",
+    "timeout": "timeouts",
+    "restart": "restarts",
     "nonfinite": "nonfinite",
+    "range": "out_of_range",
     "overrun": "overruns",
 }
 

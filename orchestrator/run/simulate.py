@@ -12,6 +12,7 @@ from orchestrator.errors import CouplingError
 from orchestrator.listener import Listener, Result
 from orchestrator.run.events import Change, changes
 from orchestrator.run.initialize import Participants, announce, initialize
+from orchestrator.run.journal import Journal, journal
 from orchestrator.run.participant import Participant
 from orchestrator.run.report import Ended, Report
 
@@ -54,20 +55,26 @@ def simulate(
     opened: list[Listener] = []
     outcome, reason = "interrupted", ""
     failure: BaseException | None = None
-    try:
-        initialize(system, participants)
-        for listener in listeners:
-            opened.append(listener)
-            listener.open(system)
-        announce(system, participants, report)
-        _run(system, participants, report, progress, interrupt)
-        outcome = "flown"
-    except Ended as end:
-        outcome, reason = end.outcome, end.reason
-    except BaseException as error:  # noqa: BLE001  (raised again once everything is closed)
-        failure, reason = error, f"{type(error).__name__}: {error}"
-    time_ns = report.time_ns
-    farewells = _terminate(system)
+    with journal(report) as logs:
+        try:
+            initialize(system, participants)
+            for listener in listeners:
+                opened.append(listener)
+                listener.open(system)
+            announce(system, participants, report)
+            _run(system, participants, report, logs, progress, interrupt)
+            outcome = "flown"
+        except Ended as end:
+            outcome, reason = end.outcome, end.reason
+        except BaseException as error:  # noqa: BLE001  (raised again once everything is closed)
+            failure, reason = error, f"{type(error).__name__}: {error}"
+        time_ns = report.time_ns
+        farewells = _terminate(system)
+        if opened:
+            try:
+                logs.tell()
+            except Exception as error:  # noqa: BLE001
+                failure = failure or error
     report.counts.update(f"errors.{name}" for name in farewells)
     result = Result(
         outcome,
@@ -117,6 +124,7 @@ def _run(
     system: System,
     participants: Participants,
     report: Report,
+    logs: Journal,
     progress: Callable[[int], None] | None,
     interrupt: Callable[[], bool] | None,
 ) -> None:
@@ -126,6 +134,8 @@ def _run(
     due = deque(changes(system.scenario.events, system.ports, system.links, schedule))
     mark = 0
     for time_ns, (actions, last_actions) in instants(schedule, _compile(system, participants)):
+        if logs.records:
+            logs.tell()
         report.time_ns = time_ns
         if interrupt is not None and interrupt():
             raise Ended("interrupted", f"interrupted at t = {time_ns / SECOND:.3f} s")

@@ -87,6 +87,11 @@ class Connection(_Keys):
     start: Annotated[Variable, Field(alias="from", description="an output or a group of them")]
     end: Annotated[Variable, Field(alias="to", description="an input or a group of them")]
     delay_s: Annotated[float, Ge(0), Field(description="delay of the connection")] = 0.0
+    factor: Annotated[
+        float | None,
+        Field(description="end = factor * start + offset, in place of a conversion of units"),
+    ] = None
+    offset: Annotated[float, Field(description="see factor")] = 0.0
 
 
 def _split(value: object) -> object:

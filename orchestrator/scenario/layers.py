@@ -31,7 +31,14 @@ def read(file: Path, faults: list[Fault], chain: tuple[Path, ...] = ()) -> Node 
     except OSError as error:
         faults.append(Fault(Mark(str(file)), f"file: cannot be read, {error.strerror}"))
         return None
-    node = parse(text, source, faults)
+    return read_text(text, file, faults, chain)
+
+
+def read_text(
+    text: str, file: Path, faults: list[Fault], chain: tuple[Path, ...] = ()
+) -> Node | None:
+    """Return the tree of a text that stands for a file: see :func:`read`."""
+    node = parse(text, Mark(str(file), 1), faults)
     if node is None or not isinstance(node.value, dict) or "extends" not in node.value:
         return node
     members = dict(node.value)

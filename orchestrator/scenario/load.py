@@ -8,11 +8,11 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from orchestrator.assembly.discovery import installed_components, resolve
-from orchestrator.assembly.parameters import adapter, constructor
+from orchestrator.assembly.parameters import TOLD, adapter, constructor
 from orchestrator.errors import nearest
 from orchestrator.scenario.document import Document
-from orchestrator.scenario.layers import override, read
-from orchestrator.scenario.marks import Fault, KeyPath, Mark, Origins, scenario_error
+from orchestrator.scenario.layers import override, read, read_text
+from orchestrator.scenario.marks import Fault, KeyPath, Mark, Node, Origins, scenario_error
 from orchestrator.scenario.records import (
     ComponentSpec,
     ConnectionSpec,
@@ -50,7 +50,23 @@ def load(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> Scenari
         what = f"file not found, expected a scenario{nearest(file.name, known)}"
         raise scenario_error([Fault(Mark(str(file)), what)])
     faults: list[Fault] = []
-    root = read(file, faults)
+    return _load(read(file, faults), file, overrides, faults)
+
+
+def load_text(text: str, file: Path, overrides: Iterable[str] = ()) -> Scenario:
+    """Return the scenario in a YAML text that was found in ``file``, say a recording.
+
+    Raises
+    ------
+    ScenarioError
+        As :func:`load`; lines and columns are those of the text.
+    """
+    faults: list[Fault] = []
+    return _load(read_text(text, file, faults), file, overrides, faults)
+
+
+def _load(root: Node | None, file: Path, overrides: Iterable[str], faults: list[Fault]) -> Scenario:
+    """Return the scenario of a tree; ``faults`` are those of reading it."""
     if root is None:
         if not faults:
             faults.append(Fault(Mark(str(file)), "scenario: empty, expected keys and values"))
@@ -125,7 +141,7 @@ def json_schema() -> dict[str, Any]:
             definitions |= {f"{name}.{key}": one for key, one in inner.items()}
             if "$ref" in parameters:
                 parameters = definitions[parameters["$ref"].rpartition("/")[2]]
-        injected = {key: _REFERENCE for key in takes.injected if key != "latency_s"}
+        injected = {key: _REFERENCE for key in takes.injected if key not in TOLD}
         parameters["properties"] = {**parameters.get("properties", {}), **injected}
         choices.append(
             {

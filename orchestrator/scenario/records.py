@@ -61,11 +61,16 @@ class ComponentSpec:
 
 @dataclass(frozen=True)
 class ConnectionSpec:
-    """``start -> end``, each ``component.variable`` or ``component.group``; delayed by s."""
+    """``start -> end``, each ``component.variable`` or ``component.group``; delayed by s.
+
+    With a ``factor`` the end is factor * start + offset, in place of a conversion of units.
+    """
 
     start: str
     end: str
     delay_s: float = 0.0
+    factor: float | None = None
+    offset: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,80 @@
+"""Make what was planned: call the constructors, and say which of them refuse."""
+
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager
+from threading import Timer
+from typing import Any
+
+from orchestrator.assembly.plan import Plan
+from orchestrator.errors import Problem, ScenarioError
+from orchestrator.scenario.marks import KeyPath, dotted
+
+PATIENCE = 1.0  # s, after which a construction is announced
+Announce = Callable[[str], None]
+
+
+def silent(_: str) -> None:
+    """Announce nothing."""
+
+
+def make(plans: Iterable[Plan], announce: Announce = silent) -> dict[KeyPath, Any]:
+    """Return the resources and components of plans, by path.
+
+    Raises
+    ------
+    ScenarioError
+        With every constructor's refusal, not yet located.
+    """
+    made: dict[KeyPath, Any] = {}
+    problems: list[Problem] = []
+    for plan in plans:
+        if not all(path in made for path in plan.needs):
+            continue  # that one has failed, and is reported
+        try:
+            with announced(str(plan.path[1]), announce):
+                made[plan.path] = plan.factory(**arguments(plan, made))
+        except (ValueError, KeyError, OSError, ImportError) as error:
+            problems.append(problem(plan, error))
+        except Exception as error:
+            error.add_note(f"while making {dotted(plan.path)}")
+            raise
+    if problems:
+        raise ScenarioError(problems)
+    return made
+
+
+def arguments(plan: Plan, made: Mapping[KeyPath, Any]) -> dict[str, Any]:
+    """Return what a plan's factory is called with."""
+    return {**plan.arguments, **{k: made["resources", name] for k, name in plan.resources.items()}}
+
+
+def needed(plan: Plan, plans: Sequence[Plan]) -> list[Plan]:
+    """Return the plans of the resources that a plan needs, in order of making."""
+    paths = set(plan.needs)
+    for other in reversed(plans):
+        if other.path in paths:
+            paths.update(other.needs)
+    return [other for other in plans if other.path in paths]
+
+
+@contextmanager
+def announced(name: str, announce: Announce) -> Generator[None]:
+    """Tell the name of what takes more than 1 s to make."""
+    timer = Timer(PATIENCE, announce, [name])
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def problem(plan: Plan, error: Exception) -> Problem:
+    """Return what a constructor refused; at the parameter that its message begins with, if any."""
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    if isinstance(error, OSError) and error.strerror:
+        text = f"{error.strerror.lower()}, got {str(error.filename)!r}"
+    name, _, what = text.partition(": ")
+    if hasattr(plan.arguments.get("parameters"), name):
+        path = (*plan.path, "parameters", name)
+        return Problem(path, f"{dotted(path)}: {what}")
+    return Problem(plan.path, f"{dotted(plan.path)}: {text}")

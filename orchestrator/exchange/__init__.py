@@ -1,0 +1,1 @@
+"""System Structure and Parameterization (SSP 1.0): a scenario out, a system structure in."""

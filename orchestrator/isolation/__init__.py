@@ -1,0 +1,1 @@
+"""A component in a process of its own, which may crash, exit or hang without harm to the run."""

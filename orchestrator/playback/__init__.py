@@ -1,0 +1,1 @@
+"""A recording as a component, and a recorded flight flown again."""
