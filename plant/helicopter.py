@@ -10,8 +10,8 @@ import numpy as np
 from plant import kernels, lanes
 from plant.helicopter_variables import OUTCOMES, OUTPUTS, WIND, helicopter_variables
 from plant.prediction import HelicopterModel, ModelParameters
-from plant.rotorcraft import COMMANDS, ROTOR, SAMPLE_PERIOD, rotorcraft
-from plant.start import HelicopterParameters, Perturbation, starting_state
+from plant.rotorcraft import ROTOR, SAMPLE_PERIOD, rotorcraft
+from plant.start import HelicopterParameters, Perturbation, starting_command, starting_state
 from plant.terrain import Terrain
 from plant.variables import Execution, model_description, parameter_variables, unknown
 
@@ -39,13 +39,11 @@ class Helicopter:
         self._parameters = parameters
         self._terrain = terrain
         self._craft = rotorcraft(parameters, terrain)
-        form = COMMANDS[parameters.command]
-        self._inputs = {name: i for i, name in enumerate((*(f"command.{n}" for n in form), *WIND))}
-        command = self._craft.trim_command(self._craft.trim(parameters.speed_mps))
-        if form[3] == "heading":
-            command[3] += math.radians(parameters.heading_deg)
-        self._input = np.concatenate([command, _STILL])
-        self._variables = helicopter_variables(self._craft, form)
+        command = starting_command(parameters, self._craft)
+        names = (*(f"command.{name}" for name in command), *WIND)
+        self._inputs = {name: i for i, name in enumerate(names)}
+        self._input = np.array([*command.values(), *_STILL])
+        self._variables = helicopter_variables(self._craft, command)
         self._start()
 
     def describe(self) -> Any:

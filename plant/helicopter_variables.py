@@ -1,5 +1,7 @@
 """The variables of a helicopter: names, units, meanings, limits."""
 
+from collections.abc import Mapping
+
 from plant.rotorcraft import COMMANDS, STATES, Rotorcraft
 from plant.variables import Variable
 
@@ -26,10 +28,9 @@ def _unit(command: str) -> str:
     return "G" if command in ("thrust", "tail") else "rad"
 
 
-def helicopter_variables(craft: Rotorcraft, form: tuple[str, ...]) -> list[Variable]:
-    """Return the rows of a vehicle that takes commands of a form."""
+def helicopter_variables(craft: Rotorcraft, command: Mapping[str, float]) -> list[Variable]:
+    """Return the rows of a vehicle that starts under a command, by name."""
     p = craft.p
-    trim = craft.trim_command(craft.trim(30.0)).tolist()
     limits = {
         "thrust": (p.thrust_min, p.thrust_max),
         "pitch": (-p.tilt_max, p.tilt_max),
@@ -39,7 +40,7 @@ def helicopter_variables(craft: Rotorcraft, form: tuple[str, ...]) -> list[Varia
     return [
         *(
             Variable(f"command.{name}", "input", _unit(name), f"commanded {name}", start=value)
-            for name, value in zip(form, trim, strict=True)
+            for name, value in command.items()
         ),
         *(Variable(n, "input", "m/s", f"velocity of the air, {n[5:]}") for n in WIND),
         *(

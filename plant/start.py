@@ -9,7 +9,7 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from plant.dynamics import body_from_ned, sincos
-from plant.rotorcraft import AirframeParameters, Rotorcraft
+from plant.rotorcraft import COMMANDS, AirframeParameters, Rotorcraft
 from plant.terrain import Terrain
 
 Floats = NDArray[np.float64]
@@ -41,6 +41,15 @@ class HelicopterParameters(AirframeParameters):
     height_agl_m: Annotated[float, "height above ground at the start"] = 10.0
     slope_matched: Annotated[bool, "start along the slope of the ground rather than level"] = True
     perturbation: Annotated[Perturbation, "added to the trimmed start"] = Perturbation()
+
+
+def starting_command(p: HelicopterParameters, craft: Rotorcraft) -> dict[str, float]:
+    """Return the command that trims the helicopter at its start, by name."""
+    values = craft.trim_command(craft.trim(p.speed_mps))
+    command = dict(zip(COMMANDS[p.command], values.tolist(), strict=True))
+    if "heading" in command:
+        command["heading"] += math.radians(p.heading_deg)
+    return command
 
 
 def starting_state(p: HelicopterParameters, craft: Rotorcraft, terrain: Terrain | None) -> Floats:

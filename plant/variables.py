@@ -80,7 +80,9 @@ def parameter_variables(record: Any, tunable: Sequence[str] = ()) -> list[Variab
         if not isinstance(value, bool | int | float):
             continue
         hint = hints[field.name]
-        notes = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+        hint, *notes = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if hint is float:
+            value = float(value)  # 10 is a float's value too
         unit = next((u for s, u in SUFFIX_UNITS.items() if field.name.endswith(s)), "1")
         rows.append(
             Variable(

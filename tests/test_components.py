@@ -3,6 +3,8 @@
 import pytest
 
 from orchestrator.command.app import status
+from plant.helicopter import Helicopter
+from plant.start import HelicopterParameters
 
 
 @pytest.mark.parametrize(
@@ -15,3 +17,11 @@ def test_it_keeps_the_contract(name, scenarios, capsys):
     assert "failed" not in told
     assert "not applicable" not in told
     assert told.count("passed") == 12
+
+
+def test_a_float_parameter_given_as_an_integer_is_a_float():
+    """The type of a parameter's variable is that of its field, not of the value it happens to have."""
+    described = Helicopter(HelicopterParameters(height_agl_m=10, speed_mps=30)).describe()
+    types = {v.name: (v.type, v.start) for v in described.modelVariables}
+    assert types["height_agl_m"] == ("Float64", "10.0")
+    assert types["slope_matched"] == ("Boolean", "true")

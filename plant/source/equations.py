@@ -27,23 +27,26 @@ def equations(craft: Rotorcraft) -> str:
     ========================  =================================================================
     ``rates(x, k)``           rate of the plant's own state (17)
     ``readings(x, k)``        thrust G, velocity NED (3), actuators (4), load factor g (9)
+    ``applied(x, k)``         actuators (4)
     ``own_state(common, k)``  the plant's own state (17) from the published one
     ``guess(q)``              ``z`` (8) near the trim, q = (speed, mass, TQFF)
     ``newton(z, q)``          the next ``z``, the unbalance (8) and the common state (17) of this one
     ``body(v, angles)``       body components (3) of a NED vector, angles = (phi, theta, psi)
     ========================  =================================================================
 
-    ``rates_tangent``, ``readings_tangent`` and ``own_state_tangent`` take and return each column
+    The first four have a twin, ``rates_tangent`` and so on, which takes and returns each column
     followed by its tangent: CasADi's forward differentiation, exact.
     """
     ca = casadi()
+    moving = {
+        "rates": _rates(craft),
+        "readings": _readings(craft),
+        "applied": _applied(craft),
+        "own_state": _own_state(craft),
+    }
     made = [
-        _function("rates", _rates(craft), STATES, HELD),
-        _tangent("rates_tangent", _rates(craft), STATES, HELD),
-        _function("readings", _readings(craft), STATES, HELD),
-        _tangent("readings_tangent", _readings(craft), STATES, HELD),
-        _function("own_state", _own_state(craft), STATES, HELD),
-        _tangent("own_state_tangent", _own_state(craft), STATES, HELD),
+        *(_function(name, of, STATES, HELD) for name, of in moving.items()),
+        *(_tangent(f"{name}_tangent", of, STATES, HELD) for name, of in moving.items()),
         *_trim(craft),
         _function("body", _body, 3, 3),
     ]
@@ -107,6 +110,16 @@ def _readings(craft: Rotorcraft) -> Equation:
         return thrust, *rate[:3], *model.actuators(x, u, p), load
 
     return readings
+
+
+def _applied(craft: Rotorcraft) -> Equation:
+    model = traced()
+
+    def applied(x: Any, k: Any) -> tuple[Any, ...]:
+        u, _, _, _, p = _held(craft, k)
+        return model.actuators(scalars(x), u, p)
+
+    return applied
 
 
 def _own_state(craft: Rotorcraft) -> Equation:

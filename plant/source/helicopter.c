@@ -43,13 +43,15 @@ typedef char groups_are_dense[AT_wind_down - AT_wind_north == 2 && AT_bias_down 
                               AT_state_d - AT_state_north == NX - 1 &&
                               AT_pose_psi - AT_pose_north == 5 &&
                               AT_velocity_down - AT_velocity_north == 2 &&
-                              AT_actuator_tail - AT_actuator_thrust == 3 ? 1 : -1];
+                              AT_actuator_tail - AT_actuator_thrust == 3 &&
+                              AT_applied_tail - AT_applied_thrust == 3 ? 1 : -1];
 
 typedef struct { /* everything that decides the future, and the last step for its derivatives */
     double x[NX];
     double before[NX], common[NX]; /* at the last step's start: the plant's own and the published state */
     double held[NK];
     int64_t substeps, flown, valid; /* flown: of the last step, 0 at the start */
+    int64_t endless;                /* a prediction: restarted between steps */
 } State;
 
 struct Backend {
@@ -262,6 +264,7 @@ int backend_initialize(Backend *b, Values *v, double start, double stop) {
     else if (starting_state(b, v, state) != OK) return ERROR;
     take_state(b, state);
     b->now.valid = 1;
+    evaluate(applied, b->now.x, b->now.held, v->reals + AT_applied_thrust);
     read_out(b, v);
     return OK;
 }
@@ -274,7 +277,8 @@ int backend_step(Backend *b, Values *v, double t, double h) {
         return fail(b, "helicopter: wrong step size, got %g s, expected %g s", h, STEP);
     if (v->integers[AT_restart]) {
         take_state(b, v->reals + AT_measured_north);
-    } else if (v->integers[AT_outcome] == FLYING) {
+        now->valid = now->endless = 1;
+    } else if (now->endless || v->integers[AT_outcome] == FLYING) {
         memcpy(now->common, v->reals + AT_state_north, sizeof now->common);
         memcpy(now->before, now->x, sizeof now->before);
     } else {
@@ -283,10 +287,11 @@ int backend_step(Backend *b, Values *v, double t, double h) {
     hold_inputs(b, v);
     z = elevation(b, now->x, slope);
     now->held[GROUND] = felt(z);
+    evaluate(applied, now->x, now->held, v->reals + AT_applied_thrust);
     advance(rates, NX, now->x, now->held, now->substeps);
     now->flown = now->substeps;
-    now->valid = !isnan(z) && fabs(now->x[6]) < ATTITUDE_LIMIT && fabs(now->x[7]) < ATTITUDE_LIMIT &&
-                 fabs(now->x[0]) < 1e9;
+    now->valid &= !isnan(z) && fabs(now->x[6]) < ATTITUDE_LIMIT &&
+                  fabs(now->x[7]) < ATTITUDE_LIMIT && fabs(now->x[0]) < 1e9;
     read_out(b, v);
     return OK;
 }
@@ -339,6 +344,8 @@ int backend_directional(Backend *b, const Values *v, const int *unknown, size_t 
     }
     evaluate(own_state_tangent, common, k, x);
     memcpy(x, now->before, sizeof now->before);
+    evaluate(applied_tangent, x, k, r);
+    memcpy(d + AT_applied_thrust, r + 4, 4 * sizeof(double));
     if (now->flown) {
         z = elevation(b, x, slope);
         if (!isnan(z)) k[NK + GROUND] = slope[0] * dx[0] + slope[1] * dx[1];

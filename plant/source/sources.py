@@ -1,6 +1,5 @@
 """What an FMU of the helicopter without Python is made of: its description and its files."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files
@@ -10,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant.dynamics import FLAP_STOP, NO_GROUND
-from plant.helicopter_variables import AXES, STATE, helicopter_variables
+from plant.helicopter_variables import ACTUATOR, AXES, STATE, helicopter_variables
 from plant.lanes import ATTITUDE_LIMIT
 from plant.r50 import Constants
-from plant.rotorcraft import COMMANDS, SAMPLE_PERIOD, Rotorcraft, rotorcraft
+from plant.rotorcraft import SAMPLE_PERIOD, Rotorcraft, rotorcraft
 from plant.source.equations import equations
-from plant.start import HelicopterParameters, starting_state
+from plant.start import HelicopterParameters, starting_command, starting_state
 from plant.terrain import Terrain, TerrainGrid
 from plant.variables import Variable, model_description, parameter_variables
 
@@ -40,8 +39,10 @@ def helicopter_source(parameters: HelicopterParameters, terrain: Terrain | None)
     * ``bias.*``, inputs: unmodelled acceleration, as the offset-free prediction needs it.
     * ``measured.*`` and ``restart``, inputs: where ``restart`` is true, the flight (at
       initialization) or the next step starts from ``measured`` and not from where the last step
-      ended; a flight that was over begins again. So a prediction starts from any state, between any
-      two steps, within what FMI permits.
+      ended. So a prediction starts from any state, between any two steps, within what FMI permits;
+      like the native model's it has no end: it goes on below the ground, and ``valid`` says
+      whether all was well since the restart.
+    * ``applied.*``, outputs: the actuators at the start of the last step, as a prediction has them.
     * ``perturbation.*``, parameters. The start is trimmed in C, so that all numbers are parameters.
     * The texts (preset, command form, ...) are string parameters that refuse another value: the
       equations are folded for them.
@@ -57,11 +58,7 @@ def helicopter_source(parameters: HelicopterParameters, terrain: Terrain | None)
         If CasADi is missing, or the start is impossible.
     """
     craft = rotorcraft(parameters, terrain)
-    command = craft.trim_command(craft.trim(parameters.speed_mps))
-    if craft.attitude:
-        command[3] += math.radians(parameters.heading_deg)
-    start = starting_state(parameters, craft, terrain)
-    rows = source_variables(parameters, craft, command, start)
+    rows = source_variables(parameters, craft, starting_state(parameters, craft, terrain))
     description = model_description(
         "Helicopter", "Yamaha R-50, nonlinear, 9 degrees of freedom; C", rows, has_state=True
     )
@@ -81,18 +78,14 @@ def helicopter_source(parameters: HelicopterParameters, terrain: Terrain | None)
 
 
 def source_variables(
-    parameters: HelicopterParameters,
-    craft: Rotorcraft,
-    command: NDArray[np.float64],
-    start: NDArray[np.float64],
+    parameters: HelicopterParameters, craft: Rotorcraft, start: NDArray[np.float64]
 ) -> list[Variable]:
     """Return the rows of the description, :func:`helicopter_source`."""
-    rows = helicopter_variables(craft, COMMANDS[parameters.command])
+    rows = helicopter_variables(craft, starting_command(parameters, craft))
     states = {row.name: row for row in rows if row.name in STATE}
     first_output = next(i for i, row in enumerate(rows) if row.causality == "output")
     return [
-        *(replace(row, start=value) for row, value in zip(rows, command.tolist(), strict=False)),
-        *rows[len(command) : first_output],
+        *rows[:first_output],
         *(
             Variable(f"bias.{axis}", "input", "m/s2", f"unmodelled acceleration, {axis}")
             for axis in AXES
@@ -110,9 +103,17 @@ def source_variables(
         Variable("restart", "input", "1", "the next step starts from measured", start=False),
         *rows[first_output:],
         *(
-            row if row.unit == "1" else replace(row, start=float(row.start))  # 10 for 10.0
-            for row in parameter_variables(parameters)
+            replace(
+                row,
+                name=row.name.replace("actuator", "applied"),
+                description="actuator at the start of the last step",
+                min=None,
+                max=None,
+            )
+            for row in rows
+            if row.name in ACTUATOR
         ),
+        *parameter_variables(parameters),
         *(
             replace(row, name=f"perturbation.{row.name}", description="added to the start")
             for row in parameter_variables(parameters.perturbation)
