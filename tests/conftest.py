@@ -2,6 +2,8 @@
 
 import os
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -27,3 +29,11 @@ ROOT = Path(__file__).parents[1]
 def scenarios() -> Path:
     """Return the folder of shipped scenarios."""
     return ROOT / "scenarios"
+
+
+@pytest.fixture(scope="session")
+def fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Return ``fmus.build.build`` into a folder of this session: each FMU is made once."""
+    from fmus.build import build
+
+    return partial(build, folder=tmp_path_factory.mktemp("fmus"))
