@@ -7,9 +7,10 @@ from threading import Event
 import pytest
 from small_components import GROUND, SCENARIO, Glider, Pilot
 
-from orchestrator.assembly import build as building
-from orchestrator.assembly.build import build, make, specification_hash
+from orchestrator.assembly import make as making
+from orchestrator.assembly.build import build
 from orchestrator.assembly.discovery import resolve
+from orchestrator.assembly.make import make
 from orchestrator.assembly.parameters import constructor
 from orchestrator.assembly.plans import Plan, make_plans
 from orchestrator.errors import ScenarioError
@@ -158,8 +159,8 @@ def test_a_wrong_parameter_is_one_line(override, message):
             "small_components:Pilot",
             "r50.fmu",
             (
-                "13:10: components.pilot.use: not supported yet, got 'r50.fmu', "
-                "expected 'module:attribute'"
+                "13:10: components.pilot.use: file not found, got 'r50.fmu', "
+                "expected a file beside the scenario"
             ),
         ),
         (
@@ -384,22 +385,9 @@ def test_field_names_cannot_hide_pydantics_own():
     assert adapter(Parameters).validate_json('{"copy": 3}') == Parameters(3, 2)
 
 
-def test_the_hash_of_a_resource_is_that_of_its_content():
-    """Names and places of files do not count, their content and every default do."""
-    same = specification_hash(load("glide.yaml"), "ground")
-    Path("other.txt").write_text(GROUND)
-    moved = load(
-        "glide.yaml",
-        ["resources.ground.parameters.file=other.txt", "resources.ground.parameters.offset_m=0"],
-    )
-    assert specification_hash(moved, "ground") == same
-    Path("other.txt").write_text("11")
-    assert specification_hash(moved, "ground") != same
-
-
 def test_a_long_construction_is_announced(monkeypatch):
     """Who waits is told for what, while it is being made."""
     heard = Event()
-    monkeypatch.setattr(building, "PATIENCE", 0.0)
+    monkeypatch.setattr(making, "PATIENCE", 0.0)
     plan = Plan(("components", "slow"), lambda: heard.wait(10), {}, {})
     assert make([plan], lambda name: heard.set() if name == "slow" else None) == {plan.path: True}

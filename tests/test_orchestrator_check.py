@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scripted import Row, Scripted, counter, gain, integrator, make_restorable
+from small_faults import FaultParameters
 
 from orchestrator.conformance.check import CONTRACT, check_component
 
@@ -34,21 +35,23 @@ def test_good_components_pass(factory):
     """A component that keeps the contract passes every clause that applies."""
     found = verdicts(factory)
     assert list(found) == list(CONTRACT)
-    assert found.pop("state") == "not applicable"
+    optional = {found.pop(name) for name in ("step sizes", "snapshot", "state")}
+    assert optional == {"not applicable"}
     assert set(found.values()) == {"passed"}
 
 
 def test_state_continues_in_a_new_process():
     """An advertised state is restored elsewhere to the same last bit."""
     clauses = check_component("scripted:make_restorable", {"start": 2.0})
-    assert {clause.verdict for clause in clauses} == {"passed"}
+    assert "failed" not in {clause.verdict for clause in clauses}
+    assert clauses[-1].verdict == "passed"
     assert clauses[-1].detail.endswith(" bytes")
 
 
 def test_an_incomplete_state_is_found():
     """A state without the random generator continues differently."""
     assert details("scripted:make_forgetful") == {
-        "state": "outputs after the restored state differ"
+        "state": "canSerializeFMUstate does not hold: outputs after the restored state differ"
     }
 
 
@@ -58,6 +61,51 @@ def test_state_needs_a_factory_by_name():
     assert (clause.verdict, clause.detail) == (
         "not applicable", "not tried: the factory must be 'module:attribute'",
     )  # fmt: skip
+
+
+def test_a_crash_is_a_clause_that_is_not_kept():
+    """In a process of its own a component that dies fails that clause; the others are checked."""
+    arguments = {"parameters": FaultParameters("crash", at_s=0.1)}
+    found = check_component("small_faults:Counter", arguments, timeout_s=60)
+    failed = {clause.name: clause.detail for clause in found if clause.verdict == "failed"}
+    assert failed["status"] == failed["state"] == "process died, killed by SIGSEGV"
+    assert "description" not in failed
+
+
+def remembering(*, forgets):
+    """Return a component with snapshots, which may lack something."""
+
+    def factory():
+        component = counter(kind="continuous", variable_step=True, is_restorable=True)
+        component.snapshot = lambda: {"seen": 0.0} if forgets else dict(component.values)
+        component.rewind = lambda kept: component.values.update(kept)
+        component.release = lambda kept: None
+        return component
+
+    return factory
+
+
+def test_snapshots_are_believed_when_they_hold():
+    """Going back within an instance is tried where the description says that it is possible."""
+    assert verdicts(remembering(forgets=False))["snapshot"] == "passed"
+    assert details(remembering(forgets=True)) == {
+        "snapshot": "canGetAndSetFMUstate does not hold: outputs after going back differ"
+    }
+
+
+def test_variable_steps_are_believed_when_they_hold():
+    """Steps of other sizes are tried where the description says that they are possible."""
+
+    def factory():
+        component = counter(kind="continuous", variable_step=True)
+        component.behave = lambda values, time, step_size: 2 * (step_size < 0.5)
+        return component
+
+    assert verdicts(remembering(forgets=False))["step sizes"] == "passed"
+    assert details(factory) == {
+        "step sizes": "canHandleVariableCommunicationStepSize does not hold: "
+        "a step of 0.25 s answered 2"
+    }
 
 
 def noisy():

@@ -101,9 +101,9 @@ def test_all_problems_of_a_description_are_listed():
 
 
 def test_types_that_cannot_be_coupled():
-    """Binary variables are left out."""
+    """Clocks are left out."""
     description = describe("c", [Row("y", "output", 0), Row("z", "output")])
-    description.modelVariables[1].type = "Binary"
+    description.modelVariables[1].type = "Clock"
     assert list(ports("c", description)) == ["time", "z"]
 
 

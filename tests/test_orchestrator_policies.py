@@ -225,6 +225,73 @@ def test_retries_come_to_an_end():
     assert trace.result.counts == {"retries.c": MOST_HALVINGS, "discards.c": 1}
 
 
+def test_a_snapshot_is_preferred_to_a_saved_state():
+    """Going back uses what the component offers within its process, and lets go of it."""
+    component, log = picky(0.25), []
+
+    def snapshot():
+        log.append("snapshot")
+        return dict(component.values)
+
+    component.snapshot = snapshot
+    component.rewind = lambda kept: log.append("rewind") or component.values.update(kept)
+    component.release = lambda kept: log.append("release")
+    component.get_state = None
+    trace = Trace()
+    simulate(system({"c": component}, c={"on_discard": "retry"}), [trace])
+    assert trace["c.y"][1].tolist() == [0.0, 0.5, 1.0]
+    assert log == ["snapshot", "rewind", "release"] * 2
+
+
+def bounded(values):
+    """Return a component whose y follows ``values`` step by step, declared from 0 to 2."""
+    rows = [Row("y", "output"), Row("plan", "output", shape=(3,), unit="m")]
+
+    def behave(own, time, step_size):
+        own["y"] = values(time)
+        own["plan"] = np.array([0.0, values(time), 1.0])
+
+    component = Scripted("sampled", 20.0, rows, behave)
+    described = component.describe()
+    for variable in described.modelVariables:
+        if variable.name != "time":
+            variable.min, variable.max = "0", "2"
+    component.describe = lambda: described
+    return component
+
+
+def test_a_value_beyond_its_bounds_is_told_once():
+    """One event per variable, with component, variable, value, bounds and time; the flight goes on."""
+    trace = fly(bounded(lambda time: 3.0 if time >= 0.5 else 2.0))
+    assert trace.result.outcome == "flown"
+    start = "c at t = 0.500 s: output"
+    assert [tuple(event) for event in trace.events[:-1]] == [
+        (0.5, "range", "c", f"{start} {text}")
+        for text in (
+            "'y' is out of range, got 3.0, expected at least 0 and at most 2",
+            "'plan[1]' is out of range, got 3.0 m, expected at least 0 m and at most 2 m",
+        )
+    ]
+    assert trace.result.counts == {"out_of_range.c": 2}
+
+
+def test_values_beyond_their_bounds_can_be_held():
+    """With on_range hold no such value is published; one event tells."""
+    trace = fly(bounded(lambda time: -1.0 if 0.2 <= time < 0.4 else 1.0), on_range="hold")
+    assert len(trace["c.y"][1]) == 20 - 4
+    assert set(trace["c.y"][1]) == {1.0}
+    assert [event.message.endswith(", outputs are held") for event in trace.events[:-1]] == [
+        True
+    ] * 2
+
+
+def test_a_value_beyond_its_bounds_can_end_the_run():
+    """With on_range end the reason names it."""
+    trace = fly(bounded(lambda time: 2.5 if time == 0.5 else 1.0), on_range="end")
+    assert trace.result.reason.startswith("c at t = 0.500 s: output 'y' is out of range, got 2.5,")
+    assert trace.result.outcome == "component error"
+
+
 @pytest.mark.parametrize("component", [clock(2.0), clock(2.0, "sampled")])
 def test_retry_needs_a_component_that_can(component):
     """Retry without variable steps and saved states is refused when coupling."""
