@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 from annotated_types import Gt
 
 from orchestrator.component import Status, Value
@@ -22,6 +21,7 @@ from orchestrator.fmu.fmi3 import Fmi3
 from orchestrator.fmu.fmu import Described, Fmu, describe
 from orchestrator.fmu.start import start_values
 from orchestrator.fmu.stepping import advance
+from orchestrator.fmu.values import copied, from_json, is_same, to_json
 from orchestrator.fmu.variables import Variable
 
 if TYPE_CHECKING:
@@ -227,14 +227,14 @@ class FmuComponent:
         states.release(self._instance.calls, self._instance.state_functions, state)
 
     def _adapter_state(self) -> dict[str, Any]:
-        held = {n: _plain(v) for n, v in self._held.items()} if self._events is not None else {}
+        held = {n: to_json(v) for n, v in self._held.items()} if self._events is not None else {}
         clocks = [asdict(clock) for clock in self._clocks]
         next_event = self._instance.next_event if isinstance(self._instance, Fmi3) else 0.0
         return {"reached": self._reached, "held": held, "clocks": clocks, "event": next_event}
 
     def _take_adapter_state(self, own: Mapping[str, Any]) -> None:
         self._reached = own["reached"]
-        self._held = {n: _value(self._variables[n], v) for n, v in own["held"].items()}
+        self._held = {n: from_json(self._variables[n], v) for n, v in own["held"].items()}
         for clock, saved in zip(self._clocks, own["clocks"], strict=True):
             for key, value in saved.items():
                 setattr(clock, key, value)
@@ -285,8 +285,8 @@ class FmuComponent:
                 self._keep(values)
                 return
             write(values)
-            changed = any(not _same(values[n], self._held.get(n)) for n in discrete)
-            self._held |= {n: _copy(values[n]) for n in (*discrete, *clocked)}
+            changed = any(not is_same(values[n], self._held.get(n)) for n in discrete)
+            self._held |= {n: copied(values[n]) for n in (*discrete, *clocked)}
             if changed:
                 events.handle(write=lambda: write_discrete(values))
 
@@ -303,7 +303,7 @@ class FmuComponent:
             writer(self._instance, self._known(tuple(values)))(values)
 
     def _keep(self, values: Mapping[str, Value]) -> None:
-        self._given |= {name: _copy(value) for name, value in values.items()}
+        self._given |= {name: copied(value) for name, value in values.items()}
 
     def _activate(self, instance: Fmi3, end: float) -> int:
         """Run the model partitions whose clocks tick before ``end``, in the order of time."""
@@ -369,28 +369,3 @@ def _close(instance: Any, described: Described) -> None:
 
 def _nothing(_: Mapping[str, Value]) -> None:
     pass
-
-
-def _copy(value: Value) -> Value:
-    return value.copy() if isinstance(value, np.ndarray) else value
-
-
-def _same(a: Value, b: Value | None) -> bool:
-    return b is not None and (np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b)
-
-
-def _plain(value: Value) -> Any:
-    """Return a value as JSON holds it."""
-    if isinstance(value, np.ndarray):
-        return [_plain(one) for one in value.ravel().tolist()]
-    return value.hex() if isinstance(value, bytes) else value
-
-
-def _value(variable: Variable, plain: Any) -> Value:
-    """Return a value from JSON."""
-    if variable.shape:
-        parts = [bytes.fromhex(one) if variable.kind == "binary" else one for one in plain]
-        array = np.empty(len(parts), object) if variable.kind == "binary" else np.array(parts)
-        array[:] = parts
-        return array.reshape(variable.shape)
-    return bytes.fromhex(plain) if variable.kind == "binary" else plain

@@ -1,6 +1,7 @@
 """One instance of an FMI 2.0 co-simulation FMU."""
 
 import ctypes
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -166,6 +167,40 @@ class Fmi2:
             ctypes.c_void_p(found.ctypes.data),
         )
         return found
+
+    def partials(
+        self, unknowns: Sequence[int], knowns: Sequence[int], rows: NDArray[np.float64]
+    ) -> list[Callable[[], int]]:
+        """Return calls made fast, one per known: each writes a row of derivatives by it."""
+        one, seed = ctypes.c_size_t(1), ctypes.c_double(1.0)
+        return [
+            self.calls.bound(
+                "fmi2GetDirectionalDerivative",
+                pointer(unknowns, ctypes.c_uint),
+                ctypes.c_size_t(len(unknowns)),
+                ctypes.byref(ctypes.c_uint(known)),
+                one,
+                ctypes.byref(seed),
+                ctypes.byref(ctypes.c_double.from_buffer(row)),
+            )
+            for known, row in zip(knowns, rows, strict=True)
+        ]
+
+    def steps(
+        self, times: Sequence[float], step_size: float
+    ) -> tuple[list[Callable[[], int]], Callable[[], bool]]:
+        """Return steps made fast, and what tells whether one had more to say than its status."""
+        size = ctypes.c_double(step_size)
+        do = [
+            self.calls.bound("fmi2DoStep", ctypes.c_double(time), size, self._no_state_set)
+            for time in times
+        ]
+        return do, lambda: False
+
+    def reset(self) -> None:
+        """Go back to before ``set_up``."""
+        self._is_running = False
+        self.calls("fmi2Reset")
 
     def terminate(self) -> None:
         """End the simulation if nothing has failed, and free the instance."""

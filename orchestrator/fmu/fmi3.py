@@ -1,7 +1,7 @@
 """One instance of an FMI 3.0 FMU: co-simulation, with or without events, or scheduled execution."""
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -254,6 +254,57 @@ class Fmi3:
             ctypes.c_size_t(count),
         )
         return found
+
+    def partials(
+        self, unknowns: Sequence[int], knowns: Sequence[int], rows: NDArray[np.float64]
+    ) -> list[Callable[[], int]]:
+        """Return calls made fast, one per known: each writes a row of derivatives by it."""
+        one, seed, count = ctypes.c_size_t(1), ctypes.c_double(1.0), ctypes.c_size_t(len(unknowns))
+        return [
+            self.calls.bound(
+                "fmi3GetDirectionalDerivative",
+                pointer(unknowns, ctypes.c_uint),
+                count,
+                ctypes.byref(ctypes.c_uint(known)),
+                one,
+                ctypes.byref(seed),
+                one,
+                ctypes.byref(ctypes.c_double.from_buffer(row)),
+                count,
+            )
+            for known, row in zip(knowns, rows, strict=True)
+        ]
+
+    def steps(
+        self, times: Sequence[float], step_size: float
+    ) -> tuple[list[Callable[[], int]], Callable[[], bool]]:
+        """Return steps made fast, and what tells whether one had more to say than its status."""
+        size, reached = ctypes.c_double(step_size), ctypes.byref(ctypes.c_double())
+        flags = ctypes.create_string_buffer(len(QUIET) * len(times))
+        quiet = flags.raw
+        do = [
+            self.calls.bound(
+                "fmi3DoStep",
+                ctypes.c_double(time),
+                size,
+                self._no_state_set,
+                *(ctypes.byref(flags, len(QUIET) * k + i) for i in range(len(QUIET))),
+                reached,
+            )
+            for k, time in enumerate(times)
+        ]
+
+        def said() -> bool:
+            had = flags.raw != quiet
+            flags.raw = quiet
+            return had
+
+        return do, said
+
+    def reset(self) -> None:
+        """Go back to before ``set_up``."""
+        self._is_running = False
+        self.calls("fmi3Reset")
 
     def terminate(self) -> None:
         """End the simulation if nothing has failed, and free the instance."""

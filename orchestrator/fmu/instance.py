@@ -1,5 +1,6 @@
 """What FMI 2 and FMI 3 instances have in common, as the component and others see them."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -100,6 +101,22 @@ class FmuInstance(Protocol):
         count: int,
     ) -> NDArray[np.float64]:
         """Return the change of ``count`` unknown values where the knowns change by ``seed``."""
+        ...
+
+    def partials(
+        self, unknowns: Sequence[int], knowns: Sequence[int], rows: NDArray[np.float64]
+    ) -> list[Callable[[], int]]:
+        """Return calls made fast, one per known: each writes a row of derivatives by it."""
+        ...
+
+    def steps(
+        self, times: Sequence[float], step_size: float
+    ) -> tuple[list[Callable[[], int]], Callable[[], bool]]:
+        """Return steps made fast, and what tells whether one had more to say than its status."""
+        ...
+
+    def reset(self) -> None:
+        """Go back to before ``set_up``."""
         ...
 
     def terminate(self) -> None:

@@ -84,13 +84,21 @@ def _canonical_hash(plain: object) -> str:
 def _contents(value: object, path: KeyPath, hashes: dict[KeyPath, str]) -> object:
     """Return plain data with the hash of a file in its place; it is noted by its path, too."""
     if isinstance(value, Path):
-        hashes[path] = _sha256(value.read_bytes())
+        hashes[path] = _content_hash(value)
         return {"sha256": hashes[path]}
     if isinstance(value, dict):
         return {str(key): _contents(one, (*path, str(key)), hashes) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [_contents(one, (*path, k), hashes) for k, one in enumerate(value)]
     return value
+
+
+def _content_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files below a folder, such as an unpacked FMU."""
+    if not path.is_dir():
+        return _sha256(path.read_bytes())
+    files = {str(one.relative_to(path)): one for one in path.rglob("*") if one.is_file()}
+    return _canonical_hash({name: _sha256(one.read_bytes()) for name, one in files.items()})
 
 
 def _sha256(data: bytes) -> str:
