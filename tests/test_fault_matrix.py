@@ -18,6 +18,7 @@ from fmu_flights import complaints, flown, kinds, log, written
 from orchestrator.command.app import status
 from orchestrator.errors import ScenarioError
 from orchestrator.flight import fly
+from orchestrator.isolation import remote
 
 pytestmark = pytest.mark.parametrize("fmi", [2, 3])
 
@@ -388,8 +389,11 @@ def test_a_failed_start_is_one_line(fmu, fmi, where, isolation, tmp_path, capfd)
 
 @pytest.mark.parametrize("what", ["SEGFAULT", "EXIT", "HANG"])
 @pytest.mark.parametrize("where", ["Instantiate", "EnterInitializationMode"])
-def test_a_process_lost_at_the_start_is_one_line(fmu, fmi, what, where, tmp_path, capfd):
-    """The same for a crash or a hang of an isolated FMU."""
+def test_a_process_lost_at_the_start_is_one_line(
+    fmu, fmi, what, where, tmp_path, capfd, monkeypatch
+):
+    """The same for a crash or a hang of an isolated FMU, while it is made or initialized."""
+    monkeypatch.setattr(remote, "MAKING_S", 2.0)
     use = fmu("faulty", fmi=fmi, FAULT=what, WHERE=f'"{where}"')
     bad = {"use": use, "rate_hz": 10, "isolation": "process", "timeout_s": 2.0}
     file = written(tmp_path, {"bad": bad})

@@ -13,10 +13,10 @@ from orchestrator.assembly.make import Announce, announced, make, needed, proble
 from orchestrator.assembly.plan import Plan
 from orchestrator.assembly.plans import make_plans
 from orchestrator.assembly.system import System
-from orchestrator.errors import ComponentDied, Problem, ScenarioError
+from orchestrator.errors import ComponentDied, ComponentTimeout, Problem, ScenarioError
 from orchestrator.isolation.remote import Remote
 from orchestrator.scenario.marks import KeyPath, dotted, located
-from orchestrator.scenario.records import ComponentSpec, Scenario
+from orchestrator.scenario.records import ComponentSpec, RecordingSpec, Scenario
 from orchestrator.scenario.scene import check_scene
 
 
@@ -42,6 +42,10 @@ def build(scenario: Scenario, announce: Announce = silent) -> System:
         components = {spec.name: made["components", spec.name] for spec in scenario.components}
         system = couple(scenario, components)
         check_scene(scenario, system.ports)
+        if scenario.recording != RecordingSpec():
+            from orchestrator.recording.choice import check_recording  # protobuf takes a while
+
+            check_recording(system)
     except BaseException as error:
         for remote in remotes.values():
             with suppress(Exception):
@@ -90,7 +94,7 @@ def _make(
                 remote.made()
         except ScenarioError as error:
             problems += error.problems
-        except (ComponentDied, ValueError) as error:
+        except (ComponentDied, ComponentTimeout, ValueError) as error:
             problems.append(Problem(path, f"{dotted(path)}: {error}"))
     if problems:
         raise ScenarioError(dict.fromkeys(problems))

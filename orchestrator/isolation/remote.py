@@ -15,6 +15,7 @@ from orchestrator.isolation.unchanged import frozen, is_new
 from orchestrator.scenario.marks import KeyPath
 
 FAREWELL_S = 10.0  # to terminate, where no timeout is given
+MAKING_S = 300.0  # to make a component, at least, where one is: kernels may have to be compiled
 
 
 class Remote:
@@ -30,7 +31,7 @@ class Remote:
     path : tuple
         Of the component among them.
     timeout_s : float, optional
-        How long the process may take to answer, from initialization on, s.
+        How long the process may take to answer, s; five minutes, if that is more, until it is made.
     keeps_state : bool
         Whether to save the state with every step, for :meth:`restart`.
 
@@ -73,6 +74,8 @@ class Remote:
         self._process = Process()
         self._pending: dict[str, Value] = {}  # inputs that go with the next request
         self._given: dict[str, NDArray[Any]] = {}  # arrays that the other side has, or will have
+        if self._timeout_s is not None:
+            self._process.limit(max(self._timeout_s, MAKING_S))
         self._process.request("make", self._plans, self._path, self._keeps_state)
 
     def made(self) -> tuple[Execution, Any]:
