@@ -1,6 +1,10 @@
 """SSP archives: out to other masters, and in from them."""
 
+import json
+import subprocess
+import sys
 import zipfile
+from pathlib import Path
 
 import pytest
 import small_components
@@ -94,6 +98,23 @@ def test_an_exported_scenario_comes_back_as_the_same_flight(folder):
     first, second = fly("pair.yaml").trace, fly(again).trace
     for name in ("first.y", "second.y"):
         assert [list(part) for part in first[name]] == [list(part) for part in second[name]]
+
+
+@pytest.mark.parametrize("master", ["libcosim", "ecos"])
+def test_other_masters_run_the_archive_to_the_same_values(folder, master):
+    """Two integrators at one rate, start values included, end where they end here."""
+    options = [
+        "components.second.rate_hz=20",
+        "connections.0.factor=null",
+        "connections.0.offset=0",
+    ]
+    export_ssp(folder / "pair.yaml", folder / "pair.ssp", options)
+    script = Path(__file__).parent / "foreign_ssp.py"
+    command = [sys.executable, script, master, "pair.ssp", "40", "0.05", "first.y", "second.y"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    trace = fly("pair.yaml", options).trace
+    expected = [trace[name][1][-1] for name in ("first.y", "second.y")]
+    assert json.loads(done.stdout.splitlines()[-1]) == pytest.approx(expected, rel=1e-12)
 
 
 def test_native_components_leave_as_fmus_and_fly_the_same(folder):

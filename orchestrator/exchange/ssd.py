@@ -47,7 +47,9 @@ _PARSERS: dict[str, Any] = {
 
 def write(structure: Structure) -> dict[str, bytes]:
     """Return the files of an archive that describe a structure, by path."""
-    root = etree.Element(_tag("ssd:SystemStructureDescription"), nsmap=NAMESPACES)
+    # prefixes stand at the root alone: libcosim takes a declaration for a child element
+    prefixes = {**NAMESPACES, "osp": OSP_URI, OURS: OUR_URI}
+    root = etree.Element(_tag("ssd:SystemStructureDescription"), nsmap=prefixes)
     root.attrib.update({"name": structure.name, "version": "1.0", "generationTool": "hedgehop"})
     system = _add(root, "ssd:System", name="system")
     elements = _add(system, "ssd:Elements")
@@ -71,7 +73,7 @@ def write(structure: Structure) -> dict[str, bytes]:
         experiment.set("stopTime", repr(structure.stop_s))
     if structure.step_s is not None:
         note = _annotation(_add(experiment, "ssd:Annotations"), OSP)
-        algorithm = etree.SubElement(note, f"{{{OSP_URI}}}Algorithm", nsmap={"osp": OSP_URI})
+        algorithm = etree.SubElement(note, f"{{{OSP_URI}}}Algorithm")
         step = etree.SubElement(algorithm, f"{{{OSP_URI}}}FixedStepAlgorithm")
         step.set("baseStepSize", repr(structure.step_s))
     if structure.notes:
@@ -131,9 +133,7 @@ def _write_element(parent: Any, element: Element) -> None:
         _add(bindings, "ssd:ParameterBinding", source=_parameter_file(element))
     notes = _add(component, "ssd:Annotations")
     if element.step_s is not None:
-        hint = etree.SubElement(
-            _annotation(notes, OSP), f"{{{OSP_URI}}}StepSizeHint", nsmap={"osp": OSP_URI}
-        )
+        hint = etree.SubElement(_annotation(notes, OSP), f"{{{OSP_URI}}}StepSizeHint")
         hint.set("value", repr(element.step_s))
     _note(notes, element.notes)
 
@@ -329,9 +329,7 @@ def _annotation(parent: Any, kind: str) -> Any:
 
 def _note(annotations: Any, notes: Mapping[str, Any]) -> None:
     """Write plain data as an annotation of our own."""
-    note = etree.SubElement(
-        _annotation(annotations, OURS), f"{{{OUR_URI}}}Scenario", nsmap={OURS: OUR_URI}
-    )
+    note = etree.SubElement(_annotation(annotations, OURS), f"{{{OUR_URI}}}Scenario")
     note.text = json.dumps(notes, sort_keys=True)
 
 
