@@ -69,9 +69,7 @@ class Master:
             guid=self.description.guid, unzipDirectory=str(self.folder), instanceName="fmu",
             modelIdentifier=self.description.coSimulation.modelIdentifier,
         )  # fmt: skip
-        fmu.instantiate(
-            callbacks=self._callbacks, loggingOn=options.get("debug_logging", False)
-        )
+        fmu.instantiate(callbacks=self._callbacks, loggingOn=options.get("debug_logging", False))
         return fmu
 
     def initialize(self, start=0.0, stop=None, **values):

@@ -58,9 +58,7 @@ def libcosim(plan: dict[str, Any]) -> list[list[float]]:
         assert execution.connect_real_variables(*place(source), *place(target)) == 0
 
     def read() -> list[float]:
-        return [
-            observer.last_real_values(place(p)[0], [place(p)[1]])[0] for p in plan["read"]
-        ]
+        return [observer.last_real_values(place(p)[0], [place(p)[1]])[0] for p in plan["read"]]
 
     rows = []
     for k in range(plan["steps"] + 1):
@@ -108,4 +106,4 @@ MASTERS: dict[str, Callable[[dict[str, Any]], list[list[float]]]] = {
 
 if __name__ == "__main__":
     given = json.load(sys.stdin)
-    print("\n" + json.dumps(MASTERS[given["master"]](given)))
+    sys.stdout.write("\n" + json.dumps(MASTERS[given["master"]](given)) + "\n")

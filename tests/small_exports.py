@@ -7,6 +7,7 @@ import os
 import pickle
 import time as clock
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Annotated
 
 import numpy as np
@@ -115,7 +116,7 @@ class Everything:
                 logging.getLogger(__name__).warning("a %s", "warning")
                 return 1
             case "print":
-                print("on standard output", flush=True)
+                print("on standard output", flush=True)  # noqa: T201
                 os.write(1, b"and on its descriptor\n")
             case "exit":
                 os._exit(7)
@@ -146,5 +147,5 @@ class Missing(Everything):
 
     def __init__(self, parameters: EverythingParameters) -> None:
         if os.environ.get("SMALL_EXPORTS_MISSING"):
-            import a_package_that_nobody_has  # noqa: F401  # pyright: ignore
+            import_module("a_package_that_nobody_has")
         super().__init__(parameters)

@@ -47,7 +47,11 @@ def test_the_description_is_the_components(fmi):
     known = {v.name: v for v in described.modelVariables}
     assert described.description == "one of <each> & more"
     assert known["text"].description == 'what to do: "raise", ...'
-    assert (known["total"].unit, known["total"].min, known["total"].max) == ("m", "-1000.0", "1000.0")
+    assert (known["total"].unit, known["total"].min, known["total"].max) == (
+        "m",
+        "-1000.0",
+        "1000.0",
+    )
     assert [item.name for item in known["mode"].declaredType.items] == ["off", "on", "stuck"]
     assert (known["bias"].variability, known["bias"].start) == ("tunable", "0.5")
     assert known["label"].start in ("said", ["said"])
@@ -79,7 +83,7 @@ def test_every_type_passes_through(master):
     """Arrays, integers, flags, texts and enumerations arrive as the contract's Python types."""
     master.again(u=U, n=-3, flag=True, text="hé", mode=2)
     assert master.get("y") == (2.0 * U + 0.5).ravel().tolist()
-    assert master.get("counts") == [0, 0] or master.get("counts") == [-3, -6]
+    assert master.get("counts") == [-3, -6]
     assert (master.get("is_flag"), master.get("state.mode")) == (True, 2)
     echo = master.get("echo")
     assert (echo if isinstance(echo, str) else echo.decode()) == "said hé"
@@ -171,17 +175,14 @@ def test_state_holds_everything(master):
     master.fmu.freeFMUState(state)
 
 
-@pytest.mark.parametrize("fmi", VERSIONS)
-def test_state_passes_to_another_instance(master, fmi):
+def test_state_passes_to_another_instance(master):
     """Serialised, it continues in an instance of another process that was never initialized."""
-    if fmi != master.fmi:
-        return
     master.again(u=U, gain=4.0)
     master.step(0.0, 0.1)
     state = master.fmu.getFMUState()
     content = master.fmu.serializeFMUState(state)
     master.step(0.1, 0.1)
-    other = Master(exported(EVERYTHING, fmi), debug_logging=True)
+    other = Master(exported(EVERYTHING, master.fmi), debug_logging=True)
     try:
         restored = other.fmu.deserializeFMUState(content)
         other.fmu.setFMUState(restored)

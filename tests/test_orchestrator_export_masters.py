@@ -14,6 +14,8 @@ from small_exports import Everything, EverythingParameters
 
 from orchestrator.assembly.make import arguments, make
 from orchestrator.export.export import choose
+from orchestrator.flight import fly
+from orchestrator.recording.diff import diff
 
 FOREIGN = [("libcosim", 2), ("ecos", 2), ("ecos", 3)]
 JACKSBORO = Path(__file__).parents[1] / "scenarios" / "jacksboro.yaml"
@@ -114,6 +116,18 @@ def test_the_vehicle_flies_in_another_master(master, fmi):
         component.step(0.05 * k, 0.05)
         expected = list(component.get(WATCHED).values())
         assert np.abs(np.subtract(row, expected)).max() == 0.0
+
+
+def test_a_scenario_flies_the_same_with_fmus_in_it(tmp_path):
+    """With vehicle and MPC as FMUs every signal of the flight is the native one, bit for bit."""
+    parts = [("vehicle", 2), ("mpc", 3)]
+    uses = [f"components.{name}.use={exported(name, fmi, JACKSBORO)}" for name, fmi in parts]
+    common = ["duration_s=1.5", "recording.wall_clock=false"]
+    native, swapped = tmp_path / "native.mcap", tmp_path / "swapped.mcap"
+    fly(JACKSBORO, out=native, overrides=common)
+    fly(JACKSBORO, out=swapped, overrides=[*common, *uses])
+    different = [one for one in diff(native, swapped) if "got missing and there" not in str(one)]
+    assert different == []  # what only the FMUs have are parameters that descriptions leave out
 
 
 def test_two_fmus_of_one_module_name_do_not_meet(tmp_path):

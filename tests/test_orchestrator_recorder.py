@@ -260,7 +260,7 @@ def test_viewers_get_the_scene_in_their_frames(tmp_path):
     path = record(tmp_path / "a.mcap", system, calls)
     ((_, _, transform),) = messages(path, "/tf")
     assert transform.DESCRIPTOR.full_name == "foxglove.FrameTransform"
-    assert (transform.parent_frame_id, transform.child_frame_id) == ("map", "body")
+    assert (transform.parent_frame_id, transform.child_frame_id) == ("map", "heli")
     point, turn = transform.translation, transform.rotation
     assert (point.x, point.y, point.z) == (2.0, 1.0, 3.0)
     half = 0.5**0.5  # heading north: a quarter turn from east, about z

@@ -54,7 +54,8 @@ def build(scenario: Scenario, announce: Announce = silent) -> System:
             raise located(error, scenario.origins) from error
         raise
     notes = [note for plan in plans for note in plan.notes]
-    return replace(system, plans=tuple(plans), log=[*notes, *system.log])
+    resources = {str(path[1]): one for path, one in made.items() if path[0] == "resources"}
+    return replace(system, plans=tuple(plans), log=[*notes, *system.log], resources=resources)
 
 
 def _make(
@@ -80,7 +81,8 @@ def _make(
                 )
             except ValueError as error:
                 problems.append(problem(plan, error))
-    injected = {path for plan in plans for path in plan.needs}
+    drawn = scenario.scene.get("terrain") if scenario.recording.scene else None
+    injected = {path for plan in plans for path in plan.needs if drawn != f"${{{path[1]}}}"}
     roots = [plan for plan in plans if plan.path not in injected and plan.path not in isolated]
     here = {one.path for root in roots for one in (root, *needed(root, plans))}
     made: dict[KeyPath, Any] = {}

@@ -54,17 +54,17 @@ def find_file(use: str, folders: Iterable[Path]) -> tuple[str, Path] | None:
     )
 
 
-def resolve(use: str, folder: Path | None = None) -> Factory:
+def resolve(use: str, *folders: Path) -> Factory:
     """Return the class or function that ``use`` names; of a file, the one that stands for its kind.
 
-    Modules in ``folder`` can be imported too, after all others.
+    Modules in ``folders`` can be imported too, after all others.
 
     Raises
     ------
     ValueError
         If there is no such thing or its module cannot be imported; one line that says why.
     """
-    if found_file := find_file(use, (folder or Path(),)):
+    if found_file := find_file(use, folders or (Path(),)):
         return resolve(FILES[found_file[0]])
     if ":" not in use:
         points = installed_components()
@@ -74,9 +74,10 @@ def resolve(use: str, folder: Path | None = None) -> Factory:
                 f"no component of this name, got {use!r}, "
                 f"expected an installed one or 'module:attribute'{near}"
             )
-        return resolve(points[use].value, folder)
-    if folder is not None and str(folder.absolute()) not in sys.path:
-        sys.path.append(str(folder.absolute()))
+        return resolve(points[use].value, *folders)
+    for folder in dict.fromkeys(str(folder.absolute()) for folder in folders):
+        if folder not in sys.path:
+            sys.path.append(folder)
     module_name, _, attribute = use.partition(":")
     found: Any = _imported(module_name)
     for part in attribute.split("."):

@@ -67,7 +67,7 @@ def _plan(
     path: KeyPath = _path(spec)
     try:
         file = find_file(spec.use, folders)
-        factory = resolve(spec.use, folders[0]) if file is None else resolve(FILES[file[0]])
+        factory = resolve(spec.use, *folders) if file is None else resolve(FILES[file[0]])
         takes = constructor(factory)
     except ValueError as error:
         where = (*path, "use")

@@ -72,7 +72,7 @@ class System:
     """What ``simulate`` runs; made by :func:`orchestrator.assembly.couple.couple`.
 
     ``ports`` is every variable of every component, ``log`` what happened while coupling, ``plans``
-    what its parts were made from, in the order of making.
+    what its parts were made from, in the order of making, ``resources`` what they share, by name.
     """
 
     instances: dict[str, Instance]
@@ -82,3 +82,4 @@ class System:
     scenario: Scenario
     log: list[str] = field(default_factory=list[str])
     plans: "tuple[Plan, ...]" = ()
+    resources: Mapping[str, object] = field(default_factory=dict[str, object])

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 UNITS = {"s": "s='1'", "1/s": "s='-1'", "deg": "rad='1' factor='0.017453292519943295'"}
 PHASES = ("idle", "climb", "land")
 SCALARS_FMI3 = ("Float32", "Int8", "UInt8", "Int16", "UInt16", "UInt32", "Int64", "UInt64")
+DRONE_COMMANDS = {"lift": 1.0, "nose": 0.0, "bank": 0.0, "course": 0.0}
 INTERVAL = 0.5  # of the clock of `clocked`, s
 
 
@@ -76,6 +77,19 @@ def integrator(**more):
     u = Variable("u", "input", start=0.0)
     capabilities = {**FREE, **STATE, "providesDirectionalDerivatives": True}
     return Model(_states(u, slope=("u",)), capabilities, more)
+
+
+def drone(*, SAVED=True, **more):
+    """Fly, linearly: states are start values, nothing is an input but four commands."""
+    states = ("north", "east", "height", "u", "v", "w", "phi", "theta", "psi", "p", "q", "r")
+    servos = ("servo_thrust", "servo_pitch", "servo_roll", "servo_tail")
+    variables = (
+        *(Variable(n, "input", start=s) for n, s in DRONE_COMMANDS.items()),
+        *(Variable(n, "output", start=30.0 if n == "u" else 0.0) for n in states),
+        *(Variable(n, "output") for n in ("v_n", "v_e", "v_d")),
+        *(Variable(n, "output", start=1.0 if n == servos[0] else 0.0) for n in servos),
+    )
+    return Model(variables, STATE if SAVED else {}, more, False, "stopTime='1' stepSize='0.05'")
 
 
 def relay(**more):
@@ -172,6 +186,7 @@ def feedthrough(*, FMI, STOP=1, **more):
 
 MODELS = {
     "decay": decay,
+    "drone": drone,
     "integrator": integrator,
     "relay": relay,
     "staircase": staircase,
