@@ -24,8 +24,8 @@ UNITS: dict[str, tuple[int, int, int, int, float]] = {
     "W": (1, 2, -3, 0, 1.0),
 }
 SUFFIX_UNITS = {
-    "_m": "m", "_s": "s", "_kg": "kg", "_deg": "deg", "_rad": "rad", "_mps": "m/s",
-    "_mps2": "m/s2", "_radps": "rad/s", "_hz": "Hz", "_per_s": "1/s", "_G": "G",
+    "_per_s": "1/s", "_m": "m", "_s": "s", "_kg": "kg", "_deg": "deg", "_rad": "rad",
+    "_mps": "m/s", "_mps2": "m/s2", "_radps": "rad/s", "_hz": "Hz", "_G": "G",
 }  # fmt: skip
 
 

@@ -1,10 +1,21 @@
 """Every shipped component keeps every clause of the contract."""
 
+from dataclasses import dataclass
+
 import pytest
 
 from orchestrator.command.app import status
 from plant.helicopter import Helicopter
 from plant.start import HelicopterParameters
+from plant.variables import parameter_variables
+
+
+@dataclass(frozen=True)
+class Poles:
+    """Parameters whose suffixes end alike."""
+
+    pole_per_s: float = 0.5
+    lag_s: float = 1.0
 
 
 @pytest.mark.parametrize(
@@ -25,3 +36,11 @@ def test_a_float_parameter_given_as_an_integer_is_a_float():
     types = {v.name: (v.type, v.start) for v in described.modelVariables}
     assert types["height_agl_m"] == ("Float64", "10.0")
     assert types["slope_matched"] == ("Boolean", "true")
+
+
+def test_a_rate_of_change_is_not_a_time():
+    """The unit of a parameter is that of its whole suffix: per_s is 1/s."""
+    assert {v.name: v.unit for v in parameter_variables(Poles())} == {
+        "pole_per_s": "1/s",
+        "lag_s": "s",
+    }

@@ -102,18 +102,22 @@ def package(
     if fmi == 3:
         members["sources/buildDescription.xml"] = _build_description(identifier, units)
     partial = out.with_name(out.name + ".part")
-    with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
+    try:
+        _archive(partial, members)
+        _validate(partial)
+        partial.replace(out)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _archive(file: Path, members: Mapping[str, bytes]) -> None:
+    """Write a zip archive without times."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, part in sorted(members.items()):
             information = zipfile.ZipInfo(name, EPOCH)
             information.compress_type = zipfile.ZIP_DEFLATED
             information.external_attr = 0o644 << 16
             archive.writestr(information, part)
-    try:
-        _validate(partial)
-    except BaseException:
-        partial.unlink()
-        raise
-    partial.replace(out)
 
 
 def _validate(file: Path) -> None:
