@@ -28,6 +28,12 @@ class Rollout(Protocol):
 class PredictionModel(Protocol):
     """A model that rolls out batches; black box, no derivatives.
 
+    It may have two methods more, or None in their place. ``response(state, u0, Phi, wind, bias)``
+    returns nominal, S of all outputs and whether they are valid, as :func:`identify` else finds by
+    perturbations. ``follow(before, commands, wind, bias)`` is for a model that takes no measured
+    state: it returns its own (bytes) after the commands (K, 4) flown since it was ``before`` (None:
+    at the start), and the next rollouts begin there.
+
     ``outputs`` must contain north, east, altitude (m), heading (unwrapped), roll, pitch (rad), speed
     and velocity_north, _east, _down (m/s), all at the *end* of a sample, and actuator_thrust,
     _pitch, _roll, _tail at its *start*. ``commands`` are thrust, pitch, roll and tail or heading.
@@ -122,6 +128,10 @@ def identify(
         Which of the model's outputs S is of; all by default.
     """
     rows = np.arange(len(model.outputs)) if rows is None else rows
+    exact = getattr(model, "response", None)
+    if exact is not None:
+        nominal, S, valid = exact(state, u0, Phi, wind, bias)
+        return Response(nominal, S[rows], Phi, valid)
     delta = Phi * amplitude[:, None, None]
     commands = np.concatenate([u0[None], u0[None] + delta.transpose(2, 1, 0)])
     rollout = model.rollout(state, commands, wind, bias)

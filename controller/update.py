@@ -41,7 +41,8 @@ class Memory:
 
     ``committed`` (late, 4) are the commands from the update until ``plan`` takes effect.
     ``expected`` is the velocity, m/s NED, predicted for the next update, which is ``elapsed`` s on;
-    ``bias`` the acceleration bias, m/s2 NED; ``station`` where the aircraft is along the reference.
+    ``bias`` the acceleration bias, m/s2 NED; ``station`` where the aircraft is along the reference;
+    ``shadow`` the state of a model that takes no measured one, at the last update.
     """
 
     plan: Plan
@@ -52,6 +53,7 @@ class Memory:
     station: float = 0.0
     expected: Floats | None = None
     elapsed: float = 0.0
+    shadow: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,11 @@ def update(
     nothing = replace(memory, expected=None), None, LADDER.index("old tail")
     if not np.isfinite(state).all():
         return nothing
-    memory = replace(memory, bias=_bias(p, memory, _velocity(state, task.model.states)))
+    memory = replace(
+        memory,
+        shadow=_shadow(task, p, memory, time),
+        bias=_bias(p, memory, _velocity(state, task.model.states)),
+    )
     begin, committed, on_the_way = _at_effect(task, p, memory, state, time, late)
     if not np.isfinite(begin).all():
         return nothing
@@ -149,13 +155,33 @@ def _at_effect(
 
     Those samples are committed: what was so before the last plan, and then that plan's.
     """
+    flown = _flown(task, memory, time)
+    committed = _known(memory, flown, flown + late)
     if late == 0 or not p.compensate_latency:
-        return state, np.empty((0, 4)), np.empty((0, 3))
-    known = np.concatenate([memory.committed, memory.plan.commands])
-    first = len(memory.committed) + round((time - memory.plan.start) / task.model.sample_period)
-    committed = known[np.clip(np.arange(first, first + late), 0, len(known) - 1)]
+        return state, committed, np.empty((0, 3))
     rollout = task.model.rollout(state, committed[None], np.array(p.wind_mps), memory.bias)
     return rollout.last[0].copy(), committed, rollout.outputs[0][:, _velocity_rows(task)]
+
+
+def _flown(task: Task, memory: Memory, time: float) -> int:
+    """Return how many samples have been flown since the last update."""
+    since = round((time - memory.plan.start) / task.model.sample_period)
+    return len(memory.committed) + since
+
+
+def _known(memory: Memory, first: int, end: int) -> Floats:
+    """Return the commands of samples since the last update, (end - first, 4)."""
+    known = np.concatenate([memory.committed, memory.plan.commands])
+    return known[np.clip(np.arange(first, end), 0, len(known) - 1)]
+
+
+def _shadow(task: Task, p: MpcParameters, memory: Memory, time: float) -> bytes | None:
+    """Bring a model that takes no measured state up to now, by what has been flown."""
+    follow = getattr(task.model, "follow", None)
+    if follow is None:
+        return None
+    flown = _known(memory, 0, _flown(task, memory, time))
+    return follow(memory.shadow, flown, np.array(p.wind_mps), memory.bias)
 
 
 def _carry_on(task: Task, p: MpcParameters, memory: Memory, state: Floats) -> Memory:

@@ -1,8 +1,8 @@
 """Fly a scenario: load, build, simulate, record, and take the figures."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,12 @@ from orchestrator.assembly.system import System
 from orchestrator.errors import Problem, ScenarioError
 from orchestrator.figures.logbook import Logbook
 from orchestrator.figures.metrics import flight_metrics
+from orchestrator.figures.omissions import thinned
 from orchestrator.figures.trace import Trace
 from orchestrator.listener import Listener, Result
 from orchestrator.recording.reader import Recording
 from orchestrator.recording.recorder import Recorder
+from orchestrator.run.events import Change
 from orchestrator.run.simulate import simulate
 from orchestrator.scenario.load import load
 from orchestrator.scenario.marks import located
@@ -73,6 +75,8 @@ def fly_system(
     out: Path | None = None,
     progress: Callable[[int], None] | None = None,
     interrupt: Callable[[], bool] | None = None,
+    listeners: Sequence[Listener] = (),
+    requests: Callable[[int], Sequence[Change]] | None = None,
 ) -> Flight:
     """Run a system that was built and take its figures; see ``simulate`` for the callbacks."""
     scenario = system.scenario
@@ -90,15 +94,23 @@ def fly_system(
         )
 
     recorder = Recorder(out, metrics=figures) if out else None
-    listeners: list[Listener] = [trace, logbook, *([recorder] if recorder else [])]
+
+    def must_end() -> bool:
+        is_cut = recorder is not None and recorder.failure is not None
+        ends = is_cut and scenario.recording.on_disk_full == "end"
+        return ends or (interrupt is not None and interrupt())
+
+    told: list[Listener] = [trace, logbook, *([recorder] if recorder else []), *listeners]
     try:
-        result = simulate(system, listeners, progress, interrupt)
+        result = simulate(system, told, progress, must_end, requests)
     except ScenarioError as error:
         raise located(error, scenario.origins) from error
     except OSError as error:  # only a recorder's: a component's would have been dealt with
         raise ScenarioError([Problem((), str(error))]) from error
-    finished = out if recorder and recorder.failure is None else None
-    return Flight(result, figures(result), trace, finished)
+    failure = recorder.failure if recorder else None
+    if failure and scenario.recording.on_disk_full == "end" and result.outcome == "interrupted":
+        result = replace(result, reason=f"{result.reason}, {failure.strerror or failure}")
+    return Flight(result, figures(result), trace, None if failure else out)
 
 
 def recording_metrics(path: Path) -> dict[str, Any]:
@@ -109,11 +121,20 @@ def recording_metrics(path: Path) -> dict[str, Any]:
     OSError, ValueError
         If it cannot be read, or is cut short.
     """
-    recording = Recording.open(path)
+    return recorded_figures(Recording.open(path))
+
+
+def recorded_figures(recording: Recording) -> dict[str, Any]:
+    """Return the figures of a flight from its open recording.
+
+    Those that count messages are left out where not all of these were recorded.
+    """
+    ladder = recording.scene.get("ladder", "")
+    uncounted = {"ladder"} if thinned(recording, ladder) > 1 else set[str]()
     return flight_metrics(
         recording,
         recording.signals,
-        recording.scene,
+        {role: name for role, name in recording.scene.items() if role not in uncounted},
         recording.result,
         recording.scenario["settle_s"],
         recording.wall_clock,

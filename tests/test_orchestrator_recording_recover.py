@@ -16,7 +16,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from small_components import GROUND, SCENARIO
 
-from orchestrator.command.app import app, status
+from orchestrator.command.app import status
 from orchestrator.flight import recording_metrics
 from orchestrator.listener import Result
 from orchestrator.recording.diff import diff, info
@@ -254,7 +254,6 @@ def test_no_damage_ends_in_a_traceback(glide, tmp_path, capsys, kind, times):
     assert saved >= times // (2 if kind == "flip" else 10)
 
 
-@pytest.mark.skipif("report" not in app, reason="there is no such command")
 def test_reports_of_damaged_recordings(glide, tmp_path, capsys):
     """What `report` says of a damaged recording, and of the one that was made of it."""
     rng = random.Random(0)

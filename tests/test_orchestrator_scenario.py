@@ -74,8 +74,8 @@ def test_origins_say_where_each_value_was_written():
             "4:13: recording.clock: unknown key, got 'clock', did you mean 'wall_clock'",
         ),
         (
-            "recording: {x: true}",
-            "4:13: recording.x: unknown key, got 'x', expected 'wall_clock'",
+            "recording: {walclock: true}",
+            "4:13: recording.walclock: unknown key, got 'walclock', did you mean 'wall_clock'",
         ),
         ("seed: 1.5", "4:7: seed: wrong type, got 1.5, expected a whole number >= 0"),
         ("seed: -1", "4:7: seed: out of range, got -1, expected a whole number >= 0"),

@@ -7,11 +7,11 @@ scenario; 3 a defect; 130 interrupted, 143 terminated.
 import os
 import sys
 import traceback
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
@@ -20,6 +20,7 @@ from orchestrator.errors import Problem, ScenarioError
 if TYPE_CHECKING:
     from orchestrator.assembly.system import System
     from orchestrator.flight import Flight
+    from orchestrator.live.live import Live
 
 # heavy imports happen inside the commands: `hedgehop --help` must answer at once
 
@@ -83,6 +84,9 @@ def run(
     out: Path | None = None,
     record: bool = True,
     json: Json = False,
+    live: Annotated[bool, Parameter(name="--live", negative="")] = False,
+    speed: float | Literal["max"] | None = None,
+    port: int | None = None,
 ) -> int:
     """Fly a scenario, record it, and print its figures.
 
@@ -98,6 +102,12 @@ def run(
         Whether to record at all.
     json
         Print one JSON object instead of the table.
+    live
+        Show the flight in Lichtblick or Foxglove while it lasts, and take changes from there.
+    speed
+        Of the live view: 1 is real time, 0.25 a quarter of it, max as fast as it goes.
+    port
+        Of the live view, on loopback; 0 takes a free one.
     """
     from orchestrator.command.terminal import progress_bar, signals
     from orchestrator.flight import check_writable, fly_system
@@ -105,29 +115,77 @@ def run(
     file = (out or Path(f"{scenario.stem}.mcap")) if record else None
     if file is not None:
         check_writable(file)
+    if not live and (speed, port) != (None, None):
+        raise ScenarioError([Problem((), "run: --speed and --port are for --live")])
     system = _built(scenario, overrides)
-    with signals() as caught, progress_bar(system.schedule.end_ns) as progress:
-        flight = fly_system(system, file, progress, lambda: bool(caught))
+    with signals() as caught:
+        if live:
+            with _live(system, speed, port, lambda: bool(caught)) as view:
+                flight = fly_system(system, file, None, lambda: bool(caught), [view], view.requests)
+        else:
+            with progress_bar(system.schedule.end_ns) as progress:
+                flight = fly_system(system, file, progress, lambda: bool(caught))
     _report(system, flight, as_json=json)
     if file is not None and flight.recording is None:
-        print(f"{file}: the recording is incomplete", file=sys.stderr)
+        print(f"{file}: incomplete, `hedgehop recover` makes it whole", file=sys.stderr)
         return 2
     if caught and flight.result.outcome == "interrupted":
         return 128 + caught[0]
     return int(flight.metrics["outcome"] != "flown")
 
 
+@contextmanager
+def _live(
+    system: "System", speed: float | str | None, port: int | None, interrupt: Callable[[], bool]
+) -> "Generator[Live]":
+    """Open a live view and say where; without the package it needs, say so."""
+    try:
+        from orchestrator.live.live import Live
+    except ModuleNotFoundError as error:
+        if error.name != "foxglove":
+            raise
+        what = "--live: needs foxglove-sdk, got none, expected `pip install hedgehop[live]`"
+        raise ScenarioError([Problem((), what)]) from error
+    from orchestrator.command.terminal import status_line
+
+    with status_line() as show:
+        with _user_errors():
+            pace = 1.0 if speed is None else float("inf") if speed == "max" else float(speed)
+            if not pace > 0:
+                raise ValueError(f"--speed: got {speed}, expected a number above 0 or 'max'")
+            view = Live(
+                system,
+                port=8765 if port is None else port,
+                speed=pace,
+                interrupt=interrupt,
+                show=show,
+            )
+        print(f"live: {view.address}, to open in Lichtblick or Foxglove", file=sys.stderr)
+        try:
+            yield view
+        finally:
+            view.stop()
+
+
 def _report(system: "System", flight: "Flight", *, as_json: bool) -> None:
     if as_json:
         from json import dumps
 
-        recording = None if flight.recording is None else str(flight.recording)
-        print(dumps({**flight.metrics, "recording": recording}, allow_nan=False))
+        print(dumps(_with_recording(flight.metrics, flight.recording), allow_nan=False))
     else:
         from orchestrator.command.tables import flight_table
         from orchestrator.command.terminal import print_table
 
         print_table(system.scenario.title, flight_table(flight.metrics, flight.recording))
+
+
+def _with_recording(figures: Mapping[str, Any], recording: Path | None) -> dict[str, Any]:
+    from orchestrator.figures.metrics import mb_per_min
+
+    if recording is None:
+        return {**figures, "recording": None, "recording_mb_per_min": None}
+    size = mb_per_min(recording.stat().st_size, figures["duration_s"])
+    return {**figures, "recording": str(recording), "recording_mb_per_min": size}
 
 
 def _built(scenario: Path, overrides: list[str] | None) -> "System":
@@ -269,6 +327,8 @@ def info(recording: Path, /, *, json: Json = False) -> None:
         print(dumps(found))
     else:
         print_table(f"{found['title']}: {found['outcome']}", recording_table(found))
+        if found["recovered"]:
+            print(f"recovered, lost: {found['recovered']['reason']}")
 
 
 @app.command
@@ -301,19 +361,76 @@ def metrics(recording: Path, /, *, json: Json = False) -> None:
     json
         Print one JSON object instead of the table.
     """
-    from orchestrator.flight import recording_metrics
+    from orchestrator.figures.omissions import omissions
+    from orchestrator.flight import recorded_figures
+    from orchestrator.recording.reader import Recording
 
     with _user_errors():
-        figures = recording_metrics(recording)
+        recorded = Recording.open(recording)
+        figures = recorded_figures(recorded)
+    for line in omissions(recorded):
+        print(f"note: {line}", file=sys.stderr)
     if json:
         from json import dumps
 
-        print(dumps({**figures, "recording": str(recording)}, allow_nan=False))
+        print(dumps(_with_recording(figures, recording), allow_nan=False))
     else:
         from orchestrator.command.tables import flight_table
         from orchestrator.command.terminal import print_table
 
         print_table(recording.stem, flight_table(figures, recording))
+
+
+@app.command
+def recover(broken: Path, /, *, out: Annotated[Path, Parameter(name=("--out", "-o"))]) -> None:
+    """Make a whole recording of a killed, cut or damaged one, and say what was lost.
+
+    Parameters
+    ----------
+    broken
+        An MCAP file; it stays as it is.
+    out
+        The MCAP file to write.
+    """
+    from orchestrator.recording.recover import recover as write
+
+    with _user_errors():
+        recovery = write(broken, out)
+    print(f"{out}: {recovery}")
+    for line in recovery.losses or ("nothing",):
+        print(f"lost: {line}")
+
+
+@app.command
+def convert(
+    recording: Path,
+    /,
+    *,
+    to: Literal["csv", "parquet", "rrd"],
+    out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None,
+    signals: Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")] = None,
+) -> None:
+    """Write a recording for spreadsheets, data frames or Rerun.
+
+    Parameters
+    ----------
+    recording
+        An MCAP file.
+    to
+        csv or parquet: one table, a row for every instant; rrd: what Rerun shows, with a layout.
+    out
+        The file to write; named after the recording, in this folder, if not given.
+    signals
+        Patterns of the signals in a table, as vehicle.state.*; without, all outputs and inputs,
+        in csv but for arrays of more than 16 elements.
+    """
+    from orchestrator.recording.convert import convert as write
+
+    with _user_errors():
+        file = out or Path(f"{recording.stem}.{to}")
+        for line in write(recording, to, file, signals):
+            print(f"note: {line}", file=sys.stderr)
+    print(f"{file}: written, {file.stat().st_size / 1e6:.3g} MB")
 
 
 @app.command
@@ -455,6 +572,30 @@ def export(
         chosen = choose(component, scenario, overrides or ())
         write(chosen, out, fmi=fmi, language="c" if c else "python")
     print(f"{out}: FMI {fmi}.0, made with {chosen.origin}")
+
+
+@app.command
+def report(
+    *recordings: Path,
+    out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None,
+) -> None:
+    """Write one HTML page that shows flights: map, profile, controls, figures; opens offline.
+
+    Parameters
+    ----------
+    recordings
+        MCAP files; several are laid over each other.
+    out
+        The page to write; named after the first recording, in this folder, if not given.
+    """
+    with _user_errors():
+        if not recordings:
+            raise ValueError("report: no recording given, expected at least one MCAP file")
+        from orchestrator.report.page import write_page
+
+        file = out or Path(f"{recordings[0].stem}.html")
+        write_page(recordings, file)
+    print(f"{file}: written, {file.stat().st_size / 1e6:.2g} MB")
 
 
 @contextmanager

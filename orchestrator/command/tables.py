@@ -10,6 +10,7 @@ from rich.text import Text
 
 from orchestrator.assembly.description import Port
 from orchestrator.component import Value
+from orchestrator.figures.metrics import mb_per_min
 from orchestrator.scenario.wording import expected, keys, show, unit_of
 
 if TYPE_CHECKING:
@@ -48,7 +49,10 @@ def flight_table(metrics: Mapping[str, Any], recording: Path | None) -> Table:
     for rung, count in (metrics.get("ladder") or {}).items():
         table.add_row(f"ladder: {rung}", f"{count}")
     if recording is not None:
-        table.add_row("recording", f"{recording}, {recording.stat().st_size / 1e6:.3g} MB")
+        size = recording.stat().st_size
+        rate = mb_per_min(size, metrics["duration_s"])
+        per_minute = "" if rate is None else f", {rate:.3g} MB per flight minute"
+        table.add_row("recording", f"{recording}, {size / 1e6:.3g} MB{per_minute}")
     return table
 
 

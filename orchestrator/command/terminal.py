@@ -49,6 +49,16 @@ def progress_bar(end_ns: int) -> Generator[Callable[[int], None] | None]:
 
 
 @contextmanager
+def status_line() -> Generator[Callable[[str], None] | None]:
+    """Show one line that changes, on stderr, if that is a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with Console(stderr=True).status("") as status:
+        yield status.update
+
+
+@contextmanager
 def signals() -> Generator[list[int]]:
     """Collect SIGINT and SIGTERM instead of dying of them; the second of a kind does its work."""
     caught: list[int] = []

@@ -26,6 +26,7 @@ class Deviation:
     cross_track : (n,) m, positive to the right of the course
     speed : (n,) m/s, magnitude of the velocity minus reference speed
     heading : (n,) rad, within -pi and pi
+    north, east, altitude : (n,) m, the nearest point of the reference
 
     All are NaN before the first reference.
     """
@@ -35,6 +36,9 @@ class Deviation:
     cross_track: Array
     speed: Array
     heading: Array
+    north: Array
+    east: Array
+    altitude: Array
 
 
 def deviation(
@@ -48,26 +52,30 @@ def deviation(
     time = pose["north"][0]
     north, east, down, psi = (held(pose[name], time) for name in POSE)
     speed = np.sqrt(sum(held(velocity[name], time) ** 2 for name in VELOCITY))
-    nominal = np.full((4, len(time)), np.nan)  # cross-track, altitude, heading, speed
+    nominal = np.full((len(REFERENCE), len(time)), np.nan)
+    cross_track = np.full(len(time), np.nan)
     if all(len(reference[name][0]) for name in REFERENCE):
         times = reference["north"][0]
         newest = np.searchsorted(times, time, side="right") - 1
         for k in np.unique(newest[newest >= 0]):
             ticks = newest == k
             course = {name: reference[name][1][k] for name in REFERENCE}
-            segment, fraction, nominal[0, ticks] = project(
+            segment, fraction, cross_track[ticks] = project(
                 north[ticks], east[ticks], course["north"], course["east"]
             )
-            for row, name in enumerate(("altitude", "heading", "speed"), start=1):
+            for row, name in enumerate(REFERENCE):
                 post = course[name]
                 nominal[row, ticks] = post[segment] + fraction * (post[segment + 1] - post[segment])
-    cross_track, altitude, heading, course_speed = nominal
+    reference_north, reference_east, altitude, heading, course_speed = nominal
     return Deviation(
         time=time,
         height=-down - altitude,
         cross_track=cross_track,
         speed=speed - course_speed,
         heading=(psi - heading + np.pi) % (2 * np.pi) - np.pi,
+        north=reference_north,
+        east=reference_east,
+        altitude=altitude,
     )
 
 

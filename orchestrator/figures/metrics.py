@@ -155,9 +155,14 @@ def timing(
         "update_ms_p99": _figure(_p99, update_ms),
         "deadline_misses": result.counts.get(f"overruns.{component}", 0) if measured else None,
         "cpu_ms_per_simulated_s": 1e3 * result.cpu_s / simulated_s
-        if measured and simulated_s
+        if measured and simulated_s and result.cpu_s
         else None,
     }
+
+
+def mb_per_min(size: int, duration_s: float) -> float | None:
+    """Return the size of a recording, given in bytes, per simulated minute; None of no time."""
+    return size / 1e6 * 60.0 / duration_s if duration_s else None
 
 
 def _settled(samples: Samples, settle_s: float) -> NDArray[Any]:

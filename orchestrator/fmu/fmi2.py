@@ -187,13 +187,16 @@ class Fmi2:
         ]
 
     def steps(
-        self, times: Sequence[float], step_size: float
+        self, times: NDArray[np.float64], step_size: float
     ) -> tuple[list[Callable[[], int]], Callable[[], bool]]:
-        """Return steps made fast, and what tells whether one had more to say than its status."""
+        """Return steps made fast, from the times that are in the array when they are made.
+
+        And what tells whether one of them had more to say than its status.
+        """
         size = ctypes.c_double(step_size)
         do = [
-            self.calls.bound("fmi2DoStep", ctypes.c_double(time), size, self._no_state_set)
-            for time in times
+            self.calls.bound("fmi2DoStep", time, size, self._no_state_set)
+            for time in map(ctypes.c_double.from_buffer, times[:, None])
         ]
         return do, lambda: False
 

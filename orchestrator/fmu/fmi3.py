@@ -276,22 +276,25 @@ class Fmi3:
         ]
 
     def steps(
-        self, times: Sequence[float], step_size: float
+        self, times: NDArray[np.float64], step_size: float
     ) -> tuple[list[Callable[[], int]], Callable[[], bool]]:
-        """Return steps made fast, and what tells whether one had more to say than its status."""
+        """Return steps made fast, from the times that are in the array when they are made.
+
+        And what tells whether one of them had more to say than its status.
+        """
         size, reached = ctypes.c_double(step_size), ctypes.byref(ctypes.c_double())
         flags = ctypes.create_string_buffer(len(QUIET) * len(times))
         quiet = flags.raw
         do = [
             self.calls.bound(
                 "fmi3DoStep",
-                ctypes.c_double(time),
+                time,
                 size,
                 self._no_state_set,
                 *(ctypes.byref(flags, len(QUIET) * k + i) for i in range(len(QUIET))),
                 reached,
             )
-            for k, time in enumerate(times)
+            for k, time in enumerate(map(ctypes.c_double.from_buffer, times[:, None]))
         ]
 
         def said() -> bool:

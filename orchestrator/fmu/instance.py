@@ -110,9 +110,12 @@ class FmuInstance(Protocol):
         ...
 
     def steps(
-        self, times: Sequence[float], step_size: float
+        self, times: NDArray[np.float64], step_size: float
     ) -> tuple[list[Callable[[], int]], Callable[[], bool]]:
-        """Return steps made fast, and what tells whether one had more to say than its status."""
+        """Return steps made fast, from the times that are in the array when they are made.
+
+        And what tells whether one of them had more to say than its status.
+        """
         ...
 
     def reset(self) -> None:

@@ -28,7 +28,7 @@ def level(
     Parameters
     ----------
     one : callable
-        The state after one sample, from a state under commands.
+        What is read after one sample, the state first, from a state under commands.
     period : float
         Sample period, s.
     guess : (n,), (4,)
@@ -57,7 +57,7 @@ def level(
 
     def unbalance(z: Floats) -> Floats:
         before = flight(z)
-        return (one(before, z[-4:]) - before)[[*_BALANCED, *hidden]] / period
+        return (one(before, z[-4:])[: len(before)] - before)[[*_BALANCED, *hidden]] / period
 
     found = root(unbalance, np.concatenate([state[free], commands]), method="hybr", tol=1e-13)
     if not np.max(np.abs(unbalance(found.x))) <= WORST:

@@ -4,14 +4,14 @@ Arrays are (..., r, K): r values at K instants, in the order of the roles. Every
 numbers too, which is how it is differentiated.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.fmu.roles import RIGID
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 OUTPUTS = (
     "north", "east", "altitude", "heading", "speed", "roll", "pitch",
     "velocity_north", "velocity_east", "velocity_down",
@@ -20,11 +20,11 @@ OUTPUTS = (
 
 
 class Layout(NamedTuple):
-    """Rows of what is read: states first; then ``velocity`` and ``actuator``, None if not offered."""
+    """How many rows of what is read are states, velocity (0 if not offered) and actuators (0)."""
 
     states: int
-    velocity: slice | None
-    actuator: slice | None
+    velocity: int
+    actuators: int
 
 
 def observed(values: Array, commands: Array, layout: Layout) -> Array:
@@ -34,8 +34,9 @@ def observed(values: Array, commands: Array, layout: Layout) -> Array:
     """
     rigid = values[..., : len(RIGID), :]
     u, v, w = (rigid[..., i, :] for i in (3, 4, 5))
-    velocity = to_ground(rigid) if layout.velocity is None else values[..., layout.velocity, :]
-    actuator = commands if layout.actuator is None else values[..., layout.actuator, :]
+    n, end = layout.states, layout.states + layout.velocity
+    velocity = values[..., n:end, :] if layout.velocity else to_ground(rigid)
+    actuator = values[..., end:, :] if layout.actuators else commands
     speed = np.sqrt(u * u + v * v + w * w)[..., None, :]
     return np.concatenate(
         [rigid[..., :2, :], -rigid[..., 2:3, :], rigid[..., 8:9, :], speed, rigid[..., 6:8, :],
@@ -48,7 +49,7 @@ def tangent(values: Array, along: Array, commands: Array, by: Array, layout: Lay
     """Return the derivative of :func:`observed` along directions, by a complex step: exact."""
     step = 1e-30
     moved = observed(values + 1j * step * along, commands + 1j * step * by, layout)
-    return moved.imag / step
+    return np.imag(moved) / step
 
 
 def to_ground(rigid: Array) -> Array:
@@ -57,29 +58,30 @@ def to_ground(rigid: Array) -> Array:
     return np.stack([sum(R[i][j] * rigid[..., 3 + j, :] for j in range(3)) for i in range(3)], -2)
 
 
-def moved(values: Array, offset: Array, bias: Array, period: float, layout: Layout) -> Array:
-    """Return states (n, K) of a shadow as the measured state and a bias say.
+def moved(states: Array, offset: Array, bias: Array, period: float) -> tuple[Array, Array]:
+    """Return states (..., n, K) as the measured state and a bias say, and the velocity gained.
 
-    Attitude, body velocity and rates are off by what they are off by now, constantly; a ``bias``
-    (3,), m/s2, adds up in the velocity; the position follows the velocity.
+    Attitude, body velocity and all others are off by what they are off by now; a ``bias`` (3,), m/s2,
+    adds up in the velocity; the position follows the velocity gained (..., 3, K), m/s, NED.
 
     Parameters
     ----------
-    values : (r, K + 1)
-        What is read of the shadow, now and at the ends of the samples.
+    states : (..., n, K + 1)
+        Of the model, now and at the ends of the samples.
     offset : (n,)
-        Measured state less that of the shadow.
+        Measured state less that of the model now.
+    period : float
+        Sample period, s.
     """
-    own = values[: layout.states]
-    true = own + offset[:, None]
-    time = period * np.arange(own.shape[1])
+    true = states + offset[:, None]
+    time = period * np.arange(states.shape[-1])
     velocity = to_ground(true) + bias[:, None] * time
-    gained = velocity - to_ground(own)
-    mean = 0.5 * period * (gained[:, 1:] + gained[:, :-1])
-    true[:3, 1:] += np.cumsum(mean, axis=1)
+    gained = velocity - to_ground(states)
+    true[..., :3, 1:] += period * np.cumsum(0.5 * (gained[..., 1:] + gained[..., :-1]), axis=-1)
     R = _rotation(true)
-    true[3:6] = np.stack([sum(R[i][j] * velocity[i] for i in range(3)) for j in range(3)])
-    return true[:, 1:]
+    for j in range(3):
+        true[..., 3 + j, :] = sum(R[i][j] * velocity[..., i, :] for i in range(3))
+    return true[..., 1:], gained[..., 1:]
 
 
 def _rotation(rigid: Array) -> list[list[Array]]:

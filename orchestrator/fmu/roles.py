@@ -5,14 +5,14 @@ A part is called ``state.down``, ``command.thrust``, ``settable.u``, ``velocity.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from orchestrator.errors import nearest
 from orchestrator.fmu.variables import Variable
 
 if TYPE_CHECKING:
-    from orchestrator.fmu.prediction import FmuModelParameters
+    from orchestrator.fmu.prediction_parameters import FmuModelParameters
 
 RIGID = ("north", "east", "down", "u", "v", "w", "phi", "theta", "psi", "p", "q", "r")
 """The states that every prediction begins with: position, body velocity, Euler angles, body rates."""
@@ -41,50 +41,36 @@ class Source:
     factor: Annotated[float, "from the FMU's value to the controller's"] = 1.0
 
 
-@dataclass(frozen=True)
-class Group:
-    """Variables of one kind, in the controller's order, with their factors."""
+class Group(NamedTuple):
+    """Variables of one kind by the controller's names, with their factors."""
 
     names: tuple[str, ...] = ()
     variables: tuple[Variable, ...] = ()
     factors: tuple[float, ...] = ()
 
-    def __bool__(self) -> bool:
-        return bool(self.names)
 
-    def __add__(self, other: "Group") -> "Group":
-        return Group(
-            self.names + other.names,
-            self.variables + other.variables,
-            self.factors + other.factors,
-        )
+def joined(*groups: Group) -> Group:
+    """Return groups as one."""
+    return Group(*(sum(parts, ()) for parts in zip(*groups, strict=True)))
 
 
 @dataclass(frozen=True)
 class Roles:
-    """Every part, found; what an FMU does not offer is empty or None.
-
-    Attributes
-    ----------
-    settable : Group
-        Where a measured state goes in: inputs, tunable parameters, or start values.
-    is_live : bool
-        Whether the settable ones may be set between steps.
-    """
+    """Every part, found; what an FMU does not offer is empty or None."""
 
     state: Group
     command: Group
-    settable: Group = field(default_factory=Group)
-    velocity: Group = field(default_factory=Group)
-    actuator: Group = field(default_factory=Group)
-    wind: Group = field(default_factory=Group)
-    bias: Group = field(default_factory=Group)
-    restart: Variable | None = None
-    valid: Variable | None = None
+    settable: Group
+    velocity: Group
+    actuator: Group
+    wind: Group
+    bias: Group
+    restart: Variable | None
+    valid: Variable | None
 
     @property
     def is_live(self) -> bool:
-        """See above."""
+        """Whether a measured state may be set between steps, and not by initializing anew."""
         return all(map(_is_live, self.settable.variables))
 
 
@@ -111,12 +97,13 @@ def find_roles(have: Mapping[str, Variable], given: "FmuModelParameters") -> Rol
         "actuator": ACTUATORS, "wind": AXES, "bias": AXES,
     }  # fmt: skip
     _check_names(have, given.names, [f"{group}.{name}" for group in parts for name in parts[group]])
-    roles = Roles(
-        **{group: _group(have, given, group, names) for group, names in parts.items()},
-        **{name: _flag(have, given, name) for name in FLAGS},
-    )
+    groups = {group: _group(have, given, group, names) for group, names in parts.items()}
+    restart, valid = (_flag(have, given, name) for name in FLAGS)
+    roles = Roles(**groups, restart=restart, valid=valid)
     if roles.restart is not None and not _is_live(roles.restart):
-        raise ValueError(f"restart: cannot be set, got {roles.restart.causality}, expected an input")
+        raise ValueError(
+            f"restart: cannot be set, got {roles.restart.causality}, expected an input"
+        )
     for one in roles.settable.variables:
         if not (one.has_start or _is_live(one)):
             raise ValueError(
@@ -168,9 +155,7 @@ def _group(
     return Group(tuple(found), variables, tuple(source.factor for source in found.values()))
 
 
-def _flag(
-    have: Mapping[str, Variable], given: "FmuModelParameters", name: str
-) -> Variable | None:
+def _flag(have: Mapping[str, Variable], given: "FmuModelParameters", name: str) -> Variable | None:
     own = _source(given.names.get(name, getattr(given, name))).variable
     if own not in have:
         if own in ("", name):

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from ctypes import c_void_p
 from itertools import pairwise
 from operator import call
+from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from orchestrator.fmu.buffers import writer
 from orchestrator.fmu.errors import FmuError
 from orchestrator.fmu.fmu import Fmu
 from orchestrator.fmu.instance import FmuInstance
-from orchestrator.fmu.roles import Group, Roles
+from orchestrator.fmu.roles import Group, Roles, joined
 from orchestrator.fmu.stepping import advance
 from orchestrator.fmu.variables import Variable, blocks
 
@@ -28,6 +29,7 @@ Floats = NDArray[np.float64]
 Calls = list[Callable[[], int]]
 Origin = Floats | bytes
 """Where a trajectory starts: at a measured state (n,), or at a saved state of the FMU."""
+_COUNT = Struct("<q")  # of samples since initialization, in front of a saved state
 SHARED = 8  # samples: a shorter common beginning is flown again
 
 
@@ -58,19 +60,23 @@ class Trajectories:
         self._instance: FmuInstance = fmu.instantiate("prediction", event_mode=False)
         self._variables = fmu.described.variables
         self._roles, self._start, self._period = roles, start, period
-        self._read = roles.state + roles.velocity + roles.actuator
+        self._read = joined(roles.state, roles.velocity, roles.actuator)
         self._settable = [roles.state.names.index(name) for name in roles.settable.names]
         live = roles.settable if roles.is_live else Group()
-        self._held = live + roles.wind + roles.bias
+        self._held = joined(live, roles.wind, roles.bias)
         self._hold, self._set_held = self._memory(self._held.variables, 1, is_set=True)
-        restart = (roles.restart,) if live and roles.restart is not None else ()
+        restart = (roles.restart,) if live.names and roles.restart is not None else ()
         flag, self._restart = self._memory(restart, 2, is_set=True)  # to true, and to false
         flag[0] = True
-        self._capacity = 0
+        self._capacity = self._samples = 0
         self._prepare(1)
-        self._initialize({})
-        self._instance.allow_restoring()
-        self._initial = self._save()
+        try:
+            self._initialize({})
+            self._instance.allow_restoring()
+            self._initial = self._save()
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Free the instance."""
@@ -79,18 +85,20 @@ class Trajectories:
     def initial(self) -> tuple[bytes, Floats, Floats]:
         """Return the FMU's state after initialization, what is read then, and the commands."""
         self._restore(self._initial)
+        self._samples = 0
         commands, get = self._memory(self._roles.command.variables, 1, is_set=False)
         self._check(get)
         return self.saved(), self.now(), commands[0] * self._roles.command.factors
 
     def saved(self) -> bytes:
         """Return the present state of the FMU, as the last trajectory has left it."""
-        return states.to_bytes(self._instance.calls, self._instance.state_functions)
+        data = states.to_bytes(self._instance.calls, self._instance.state_functions)
+        return _COUNT.pack(self._samples) + data
 
     def now(self, saved: bytes | None = None) -> Floats:
         """Return what is read at present, or in a saved state."""
         if saved is not None:
-            states.from_bytes(self._instance.calls, self._instance.state_functions, saved)
+            self._load(saved)
         self._check(self._get[:1])
         return self._values[0] * self._read.factors
 
@@ -132,8 +140,10 @@ class Trajectories:
             finally:
                 for part in [*kept][1:]:
                     self._release(kept[part])
+        self._samples += H
         values *= np.array(self._read.factors)[:, None, None]
-        return Flown(values, valid.all(axis=0) & np.isfinite(values).all(axis=(0, 1)))
+        is_finite = np.isfinite(values).reshape(-1, N).all(axis=0)
+        return Flown(values, np.logical_and(valid.all(axis=0), is_finite))
 
     def differentiate(
         self, origin: Floats, commands: Floats, wind: Floats, bias: Floats
@@ -141,8 +151,13 @@ class Trajectories:
         """Fly commands (1, H, m), and return the derivatives of every step too: (H, n + m, r).
 
         Of what is read at its end, by the state at its beginning and by the commands.
+
+        Raises
+        ------
+        FmuError
+            If the FMU refuses one.
         """
-        by = self._roles.settable + self._roles.command
+        by = joined(self._roles.settable, self._roles.command)
         H = commands.shape[1]
         derivatives = np.zeros((H, len(by.names), len(self._read.names)))
         memory = np.zeros(derivatives.shape[1:])
@@ -155,8 +170,9 @@ class Trajectories:
         with self._begun(origin, wind, bias) as begun:
             self._restore(begun)
             for k in range(H):
-                if not (self._run(self._calls(k, k + 1)) and self._run(partials)):
+                if not self._run(self._calls(k, k + 1)):
                     return flown._replace(valid=np.zeros(1, np.bool_)), derivatives
+                self._check(partials)
                 derivatives[k] = memory
         derivatives *= np.array(self._read.factors) / np.array(by.factors)[:, None]
         return flown, derivatives
@@ -165,8 +181,9 @@ class Trajectories:
     def _begun(self, origin: Origin, wind: Floats, bias: Floats) -> Generator[c_void_p]:
         """Hold the FMU's state at an origin, in its air, before the first step."""
         roles = self._roles
+        self._samples = 0
         if isinstance(origin, bytes):
-            states.from_bytes(self._instance.calls, self._instance.state_functions, origin)
+            self._load(origin)
         elif roles.is_live:
             self._restore(self._initial)
         else:
@@ -175,12 +192,15 @@ class Trajectories:
             names = [one.name for one in roles.settable.variables]
             self._instance.reset()
             self._initialize(dict(zip(names, values, strict=True)))
-        if wind.any() and not roles.wind:
-            raise ValueError(f"wind: the FMU has no such input, got {wind.tolist()} m/s, expected 0")
+        if wind.any() and not roles.wind.names:
+            raise ValueError(
+                f"wind: the FMU has no such input, got {wind.tolist()} m/s, expected 0"
+            )
         state = origin[self._settable] if roles.is_live and not isinstance(origin, bytes) else ()
-        held = [*state, *(wind if roles.wind else ()), *(bias if roles.bias else ())]
+        held = [*state, *(wind if roles.wind.names else ()), *(bias if roles.bias.names else ())]
         self._hold[0] = np.array(held) / self._held.factors
         self._check([*self._set_held, *self._restart[:1]])
+        self._times[:] = self._period * (self._samples + np.arange(len(self._times)))
         begun = self._save()
         try:
             yield begun
@@ -210,16 +230,17 @@ class Trajectories:
         try:
             for k in range(first, end):
                 self._check(self._set[k : k + 1])
-                status, _ = advance(
-                    self._instance, k * period, (k + 1) * period, longest=period
-                )
+                time = float(self._times[k])
+                status, _ = advance(self._instance, time, time + period, longest=period)
                 if status > Status.WARNING:
-                    raise FmuError("prediction: a step is refused", status)
+                    break
                 self._check([*self._got(k), *(self._restart[1:] if k == 0 else ())])
+            else:
+                return
         except FmuError:
             if not self._instance.calls.is_usable:
                 raise
-            self._values[k:end] = np.nan
+        self._values[k:end] = np.nan
 
     def _got(self, k: int) -> Calls:
         """Return the calls that read sample k."""
@@ -229,6 +250,12 @@ class Trajectories:
         for one in calls:
             if status := one():
                 self._instance.calls.check("prediction: a call", status)
+
+    def _load(self, saved: bytes) -> None:
+        """Go back to what :meth:`saved` returned."""
+        (self._samples,) = _COUNT.unpack_from(saved)
+        functions = self._instance.state_functions
+        states.from_bytes(self._instance.calls, functions, saved[_COUNT.size :])
 
     def _save(self) -> c_void_p:
         return states.save(self._instance.calls, self._instance.state_functions)
@@ -253,8 +280,8 @@ class Trajectories:
         self._commands, self._set = self._memory(roles.command.variables, samples, is_set=True)
         self._values, self._get = self._memory(self._read.variables, samples, is_set=False)
         self._valid, self._get_valid = self._memory(flag, samples, is_set=False)
-        times = [k * self._period for k in range(samples)]
-        steps, self._said = self._instance.steps(times, self._period)
+        self._times = np.zeros(samples)
+        steps, self._said = self._instance.steps(self._times, self._period)
         self._flat: Calls = []
         self._places = [0]
         for k in range(samples):

@@ -48,6 +48,9 @@ class Playback:
             raise ValueError(
                 f"component: not in {parameters.file.name!r}, got {parameters.component!r}{near}"
             )
+        if recording.recovered.get("lost_messages", "0") != "0":
+            what = f"recording {parameters.file.name!r} has gaps, got one that was recovered"
+            raise ValueError(f"{what}, expected every message")
         self._parameters = parameters
         self._own = recorded(parameters.component, recording.components[parameters.component])
         self._end_ns = recording.result.time_ns
@@ -121,6 +124,9 @@ def _tracks(
         topic = recording.topics[signal.topic]
         if topic.metadata["component"] != component or topic.metadata["kind"] != "outputs":
             continue
+        if "every" in topic.metadata:
+            what = f"one message of {topic.metadata['every']} of {signal.topic} was recorded"
+            raise ValueError(f"component: {what}, expected all of them")
         times, values = column(topic, signal)
         if not len(times):
             continue

@@ -12,6 +12,8 @@ from orchestrator.flight import Flight, fly_system
 from orchestrator.recording.diff import Difference, diff
 from orchestrator.recording.provenance import provenance
 from orchestrator.recording.reader import Recording
+from orchestrator.recording.topics import EVENTS
+from orchestrator.run.events import read
 from orchestrator.scenario.load import load_text
 from orchestrator.scenario.records import Scenario
 
@@ -37,7 +39,8 @@ class Replay:
 def recorded_scenario(recording: Recording) -> Scenario:
     """Return the scenario that a recording was made of, as long as the recording is.
 
-    Its files are looked up beside the recording first.
+    Its events are those that were recorded, of which some may have come from a viewer. Its files
+    are looked up beside the recording first.
 
     Raises
     ------
@@ -48,9 +51,13 @@ def recorded_scenario(recording: Recording) -> Scenario:
     if not end_s:
         raise ScenarioError([Problem((), f"{recording.path}: nothing to replay, it ends at 0 s")])
     scenario = load_text(json.dumps(recording.scenario, indent=2), recording.path)
+    events = scenario.events
+    if EVENTS in recording.topics:
+        made = (read(one.time_s, one.message) for one in recording.events if one.kind == "set")
+        events = (*made, *(event for event in events if event.at_s > end_s))
     if recording.result.outcome != "interrupted":
-        return scenario
-    events = tuple(event for event in scenario.events if event.at_s <= end_s)
+        return replace(scenario, events=events)
+    events = tuple(event for event in events if event.at_s <= end_s)
     return replace(scenario, duration_s=end_s, events=events)
 
 

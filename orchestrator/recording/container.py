@@ -7,11 +7,9 @@ encoding the messages.
 import zlib
 from collections.abc import Mapping, Sequence
 from io import BufferedWriter
-from itertools import accumulate, pairwise
 from struct import pack
 
 import numpy as np
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -33,22 +31,28 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-# of zstd: as small as level 1 in half its time; level 3 is a seventh smaller and takes twice the time
-COMPRESSION_LEVEL = -4
-
-Batch = tuple[int, Sequence[int], Sequence[bytes]]  # channel; log times and Message records
+from orchestrator.recording.chunks import Batch, Compression, compressor, interleave, split
 
 
 class Container:
     """An MCAP file in a stream that stands at its start; whoever owns the stream closes it.
 
-    All methods raise OSError where the stream cannot be written. Times are ns.
+    All methods raise OSError where the stream cannot be written. Times are ns. No chunk has more
+    than ``chunk_size`` bytes before compression, but for one of a single instant.
     """
 
-    def __init__(self, stream: BufferedWriter, library: str) -> None:
+    def __init__(
+        self,
+        stream: BufferedWriter,
+        library: str,
+        *,
+        compression: Compression = "zstd",
+        chunk_size: int = 1_000_000,
+    ) -> None:
         self._stream = stream
         self._crc = 0
-        self._compress = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress
+        self._compression, self._compress = compressor(compression)
+        self._chunk_size = chunk_size
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
@@ -89,19 +93,22 @@ class Container:
         )
 
     def add_messages(self, batches: Sequence[Batch]) -> None:
-        """Write the records of all channels as one chunk, in the order of their log times.
+        """Write the records of all channels as chunks, in the order of their log times.
 
         Records of the same time are in the order of `batches`, of which none is empty.
         """
-        if not batches:
-            return
-        data, indices = _interleave(batches)
+        if batches:
+            for part in split(batches, self._chunk_size):
+                self._add_chunk(part)
+
+    def _add_chunk(self, batches: Sequence[Batch]) -> None:
+        data, indices = interleave(batches)
         compressed = self._compress(data)
         chunk = Chunk(
-            compression="zstd",
+            compression=self._compression,
             data=compressed,
-            message_start_time=min(min(times) for _, times, _ in batches),
-            message_end_time=max(max(times) for _, times, _ in batches),
+            message_start_time=min(times[0] for _, times, _ in batches),
+            message_end_time=max(times[-1] for _, times, _ in batches),
             uncompressed_crc=zlib.crc32(data),
             uncompressed_size=len(data),
         )
@@ -176,19 +183,6 @@ def _bytes(*records: McapRecord) -> bytes:
     for record in records:
         record.write(builder)
     return builder.end()
-
-
-def _interleave(batches: Sequence[Batch]) -> tuple[bytes, list[NDArray[np.int64]]]:
-    """Return all records in the order of time; and times and offsets (K, 2) of every batch's."""
-    records = [record for _, _, records in batches for record in records]
-    index = np.empty((len(records), 2), "<i8")
-    index[:, 0] = [time for _, times, _ in batches for time in times]
-    order = np.argsort(index[:, 0], kind="stable")
-    sizes = np.fromiter(map(len, records), np.int64, len(records))[order]
-    index[order, 1] = np.cumsum(sizes) - sizes
-    data = b"".join([records[k] for k in order.tolist()])
-    bounds = accumulate((len(times) for _, times, _ in batches), initial=0)
-    return data, [index[i:j] for i, j in pairwise(bounds)]
 
 
 def _message_index(channel: int, index: NDArray[np.int64]) -> bytes:

@@ -81,6 +81,7 @@ def info(path: Path) -> dict[str, Any]:
         "outcome": result.outcome,
         "reason": result.reason,
         "duration_s": result.time_ns / 1e9,
+        "recovered": dict(recording.recovered),
         "topics": [
             {
                 "topic": name,

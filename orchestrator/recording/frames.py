@@ -1,6 +1,6 @@
 """Inertial NED and body FRD, as everything here flies, to the ENU and FLU of the viewers.
 
-The only place where a recording changes frames. `map` is ENU (x east, y north, z up), `body` FLU
+The only place where a recording changes frames. `map` is ENU (x east, y north, z up), `heli` FLU
 (x forward, y left, z up); both are right-handed.
 """
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 Length = TypeVar("Length", float, NDArray[np.float64])
 
 MAP = "map"
-BODY = "body"
-CONVENTION = "map: ENU, z up, right-handed; body: FLU; signals: NED and FRD"
+BODY = "heli"
+CONVENTION = "map: ENU, z up, right-handed; heli: FLU; signals: NED and FRD"
 
 _HALF = 1.0 / sqrt(2.0)
 

@@ -1,25 +1,26 @@
 """Read a recording back: every signal by its full name, and everything that was said about it."""
 
 import json
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
-import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
+from google.protobuf.message import DecodeError
+from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from orchestrator.errors import nearest
 from orchestrator.listener import Result
+from orchestrator.recording.contents import DAMAGE, Contents, read
 from orchestrator.recording.inventory import INVENTORY
 from orchestrator.recording.messages import Messages, Signal, column, signals
 from orchestrator.recording.topics import EVENTS, WALL_CLOCK
+
+JSON = ("scenario.json", INVENTORY)  # attachments
+EXPECTED = "expected a finished recording, or one that `hedgehop recover` has made whole"
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Recording:
     `recording["vehicle.state.u"]` is `(times_s, values)`, as in a trace: simulated seconds (n,) and
     values (n,) or (n, *shape). A variable that was only written where it changed has that many
     samples. ``components`` is what :mod:`orchestrator.recording.inventory` says of each.
+    ``recovered`` says what is missing from one that was made whole; it is empty otherwise.
     """
 
     path: Path
@@ -50,6 +52,7 @@ class Recording:
     provenance: Mapping[str, str]
     scene: Mapping[str, str]
     summary: Mapping[str, str]
+    recovered: Mapping[str, str]
 
     @classmethod
     def open(cls, path: Path | str) -> "Recording":
@@ -63,11 +66,14 @@ class Recording:
             If it is not a whole recording; the message names the file.
         """
         file = Path(path)
+        data = content(file)
         try:
-            with file.open("rb") as stream:
-                return _read(file, stream)
-        except OSError as error:
-            raise OSError(f"{file}: cannot be read, {error.strerror}") from error
+            contents = read(data)
+        except DAMAGE as error:
+            is_mcap = data.startswith(MCAP0_MAGIC)
+            what = "is cut short or damaged" if is_mcap else "is no MCAP file"
+            raise ValueError(f"{file}: {what}, {EXPECTED}") from error
+        return recording(file, contents)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -99,6 +105,8 @@ class Recording:
     def events(self) -> list[Event]:
         """Everything that happened, in order."""
         names = ("kind", "component", "message")
+        if EVENTS not in self.topics:
+            return []
         topic = self.topics[EVENTS]
         return [
             Event(time_ns / 1e9, *(getattr(message, name) for name in names))
@@ -118,61 +126,60 @@ class Recording:
         return {component: elapsed[elapsed > 0] for component, elapsed in steps.items()}
 
 
-def _read(path: Path, stream: BinaryIO) -> Recording:
-    """Read all records, checking every CRC.
+def content(path: Path) -> bytes:
+    """Return the bytes of a file.
+
+    Raises
+    ------
+    OSError
+        The message names the file.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise OSError(f"{path}: cannot be read, {error.strerror}") from error
+
+
+def recording(path: Path, contents: Contents) -> Recording:
+    """Return a file's contents as a recording.
 
     Raises
     ------
     ValueError
+        If they are not that.
     """
-    library = ""
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    messages: dict[int, list[tuple[int, bytes]]] = {}
-    tables: dict[str, dict[str, str]] = {}
-    attachments: dict[str, bytes] = {}
+    tables, attached = contents.tables, contents.attachments
+    if "hedgehop.provenance" not in tables or "scenario.json" not in attached:
+        raise ValueError(f"{path}: not recorded by hedgehop, got {contents.library!r}")
     try:
-        for record in StreamReader(stream, validate_crcs=True).records:
-            match record:
-                case Message():
-                    messages[record.channel_id].append((record.log_time, record.data))
-                case Channel() if record.id not in channels:  # the summary repeats them
-                    channels[record.id] = record
-                    messages[record.id] = []
-                case Schema():
-                    schemas[record.id] = record
-                case Metadata():
-                    tables[record.name] = record.metadata
-                case Attachment():
-                    attachments[record.name] = record.data
-                case Header():
-                    library = record.library
-                case _:
-                    pass
-    except (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError) as error:
-        what = "is no MCAP file" if stream.tell() <= 8 else "is cut short or damaged"
-        raise ValueError(f"{path}: {what}, expected a finished recording") from error
-    if "hedgehop.provenance" not in tables or "scenario.json" not in attachments:
-        raise ValueError(f"{path}: not recorded by hedgehop, got {library!r}")
-    epoch_ns = int(tables["hedgehop.provenance"]["epoch_ns"])
-    topics = {
-        channel.topic: Messages(
-            schemas[channel.schema_id].name,
-            schemas[channel.schema_id].data,
-            channel.metadata,
-            [(time_ns - epoch_ns, data) for time_ns, data in messages[number]],
-        )
-        for number, channel in channels.items()
-    }
-    found = [s for name, topic in topics.items() for s in signals(name, topic)]
+        epoch_ns = int(tables["hedgehop.provenance"]["epoch_ns"])
+        raw: dict[int, list[tuple[int, bytes]]] = {number: [] for number in contents.channels}
+        for chunk in contents.chunks:
+            for message in chunk:
+                raw[message.channel_id].append((message.log_time - epoch_ns, message.data))
+        topics = {
+            channel.topic: Messages(
+                contents.schemas[channel.schema_id].name,
+                contents.schemas[channel.schema_id].data,
+                channel.metadata,
+                raw[number],
+            )
+            for number, channel in contents.channels.items()
+        }
+        found = [signal for name, topic in topics.items() for signal in signals(name, topic)]
+        plain = {name: json.loads(attached[name].data) for name in JSON if name in attached}
+        scene = tables["hedgehop.scene"]
+    except (LookupError, ValueError, DecodeError) as error:
+        raise ValueError(f"{path}: is damaged, {error}, {EXPECTED}") from error
     return Recording(
         path=path,
-        library=library,
+        library=contents.library,
         topics=topics,
         signals={signal.name: signal for signal in found},
-        scenario=json.loads(attachments["scenario.json"]),
-        components=json.loads(attachments.get(INVENTORY, "{}")),
+        scenario=plain["scenario.json"],
+        components=plain.get(INVENTORY, {}),
         provenance=tables["hedgehop.provenance"],
-        scene=tables["hedgehop.scene"],
+        scene=scene,
         summary=tables.get("hedgehop.summary", {}),
+        recovered=tables.get("hedgehop.recovered", {}),
     )

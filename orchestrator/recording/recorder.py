@@ -13,9 +13,12 @@ from typing import Any
 from orchestrator.assembly.system import System
 from orchestrator.component import Value
 from orchestrator.listener import Result
-from orchestrator.recording.container import Batch, Container
+from orchestrator.recording.choice import chosen
+from orchestrator.recording.chunks import Batch
+from orchestrator.recording.container import Container
 from orchestrator.recording.inventory import INVENTORY, inventory
 from orchestrator.recording.provenance import EPOCH_NS, document, provenance
+from orchestrator.recording.scene import Stage
 from orchestrator.recording.streams import Row, Stream, instant
 from orchestrator.recording.topics import topics
 from orchestrator.scenario.yaml_source import dump
@@ -69,6 +72,7 @@ class Recorder:
         self._metrics = metrics
         self._file: BufferedWriter | None = None
         self._container: Container | None = None
+        self._stage: Stage | None = None
         self._whole = 0  # bytes of the file that end with a whole record
         self._streams: list[tuple[Source, Stream]] = []
         self._rows: dict[Source, list[Row]] = {}  # what was told since the last flush
@@ -93,10 +97,17 @@ class Recorder:
             specs = system.scenario.components
             self._untimed = {spec.name for spec in specs if spec.on_overrun == "log"}
         self._unmeasured = dict.fromkeys(system.ports, 0.0)
-        planned = topics(system, wall_clock=self._wall_clock)
+        spec = system.scenario.recording
+        planned = chosen(topics(system, wall_clock=self._wall_clock), spec)
+        self._stage = Stage(system)
         try:
             self._file = BufferedWriter(FileIO(self.path, "wb"))
-            container = Container(self._file, f"hedgehop {version('hedgehop')}")
+            container = Container(
+                self._file,
+                f"hedgehop {version('hedgehop')}",
+                compression=spec.compression,
+                chunk_size=1000 * spec.chunk_kb,
+            )
             _describe(container, system)
             for topic in planned:
                 channel = container.add_channel(
@@ -114,6 +125,9 @@ class Recorder:
     def outputs(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
         """Keep a component's outputs; wholly discrete groups are written where they changed."""
         self._keep(time_ns, ("outputs", component), values)
+        if self._stage is not None:
+            for topic, drawn in self._stage.outputs(time_ns, component, values):
+                self._keep(time_ns, ("scene", topic), drawn)
 
     def inputs(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
         """Keep the given inputs; the others are absent from the message."""
@@ -231,8 +245,6 @@ class Recorder:
         if self._wall_clock:
             entries |= {"cpu_s": repr(result.cpu_s), "wall_s": repr(result.wall_s)}
         entries["counts"] = json.dumps(counts, sort_keys=True)
-        if self.failure is not None:
-            entries["recording"] = f"stopped at {self._time_ns / 1e9} s: {self.failure.strerror}"
         if self._metrics is not None:
             entries["metrics"] = json.dumps(self._metrics(result), allow_nan=False)
         return entries

@@ -16,9 +16,9 @@ Row = tuple[int, bytes, Values]  # log time, ns, and as `instant` writes it; val
 Encode = Callable[[Sequence[Row], int], list[bytes]]  # rows and first sequence number to records
 
 _LENGTH = calcsize("<BQ")  # of a record's opcode and length; the length counts what follows
-_HEAD = _LENGTH + calcsize("<HIQQ")  # channel, sequence, log and publish time; then the message
-_BODY = _HEAD + calcsize(STAMP)
-_INSTANT = f"{calcsize('<QQ' + STAMP)}s"
+HEAD = _LENGTH + calcsize("<HIQQ")  # channel, sequence, log and publish time; then the message
+_BODY = HEAD + calcsize(STAMP)
+_TIMES = calcsize("<QQ")  # log and publish time, with which `instant` begins
 
 
 def instant(time_ns: int) -> bytes:
@@ -37,6 +37,7 @@ class Stream:
         self.channel = channel
         self._topic = topic
         self._sequence = 0
+        self._told = 0
         self._encoders: dict[tuple[str, ...], Encode] = {}
         self._watched = pick(topic.watched) if topic.watched else None
         # the last values, and all but the time of their message
@@ -51,7 +52,7 @@ class Stream:
             If the values cannot be written; the message names topic, time and variable.
         """
         try:
-            return self._encode([(time_ns, instant(time_ns), values)], 1)[0][_HEAD:]
+            return self._encode([(time_ns, instant(time_ns), values)], 1)[0][HEAD:]
         except Exception as error:
             what = f"{error.args[0]}: missing" if isinstance(error, KeyError) else f"{error}"
             at = f"{self._topic.name} at t = {(time_ns - EPOCH_NS) / 1e9:.3f} s"
@@ -59,6 +60,9 @@ class Stream:
 
     def records(self, rows: Sequence[Row]) -> tuple[list[int], list[bytes], ValueError | None]:
         """Return log times and Message records; and, if one cannot be written, why."""
+        every, told = self._topic.every, self._told
+        self._told += len(rows)
+        rows = rows[-told % every :: every]
         try:
             return *self._records(rows), None
         except Exception:  # noqa: BLE001  (one by one they tell which it is)
@@ -118,7 +122,8 @@ class Stream:
 def _encoder(channel: int, layout: Layout) -> Encode:
     """Return the encoder of Message records of one channel and layout."""
     scalars, rest = layout.scalars, layout.rest
-    pieces = (pack("<H", channel), "I", _INSTANT, *layout.pieces)
+    at = f"{_TIMES + calcsize(STAMP) * layout.is_stamped}s"  # of an instant, as much as this
+    pieces = (pack("<H", channel), "I", at, *layout.pieces)
     least = row_size(pieces)  # of what the length counts
     length = pack("<Q", least) if rest is None else "Q"
     pack_rows = packer((bytes([Opcode.MESSAGE]), length, *pieces))

@@ -9,8 +9,9 @@ from orchestrator.assembly.description import Port
 from orchestrator.assembly.system import System
 from orchestrator.assembly.units import Unit
 from orchestrator.recording.descriptors import descriptors
+from orchestrator.recording.scene import Part, parts
 from orchestrator.recording.schemas import Channel, channel, channels
-from orchestrator.recording.views import file_descriptors, views
+from orchestrator.recording.views import View, file_descriptors, views
 from orchestrator.recording.wire import Layout, WireField, layout, partial_layout
 
 # roles whose every publishing counts in the metrics, whether or not a value is new
@@ -26,7 +27,8 @@ class Topic:
     Attributes
     ----------
     call, component
-        The listener call that feeds it, and for which component; no component means any.
+        The listener call that feeds it, and for which component; no component means any. What is
+        drawn of several components has the call `scene`, of a `Stage`, and its own name here.
     message, descriptors
         Full name of the message type, and its serialised `FileDescriptorSet`.
     layout
@@ -35,6 +37,8 @@ class Topic:
         Whether a call need not tell all values.
     watched
         Where these variables make a message equal to the last one, it is left out; empty: none is.
+    every
+        Of how many calls one is recorded.
     """
 
     name: str
@@ -46,6 +50,7 @@ class Topic:
     metadata: Mapping[str, str] = field(default_factory=dict[str, str])
     is_partial: bool = False
     watched: tuple[str, ...] = ()
+    every: int = 1
 
 
 def topics(system: System, *, wall_clock: bool) -> list[Topic]:
@@ -62,9 +67,13 @@ def topics(system: System, *, wall_clock: bool) -> list[Topic]:
         for each in channels(component, ports.values())
     ]
     made += [signals(each, system.scenario.scene) for each in _changed_inputs(system)]
-    for view in views(system.scenario.scene, system.ports):
-        name, data = view.message.DESCRIPTOR.full_name, file_descriptors(view.message)
-        made.append(Topic(view.topic, "outputs", view.component, name, data, _always(view.layout)))
+    if system.scenario.recording.scene:
+        for view in views(system.scenario.scene, system.ports):
+            made.append(_drawn("outputs", view.component, view, {}))
+        for part in parts(system):
+            metadata = {"written": "once"} if part.when == "once" else {}
+            metadata |= {f"unit.{name}": unit for name, unit in part.units.items()}
+            made.append(_drawn("scene", part.topic, part, metadata))
     log = [
         WireField(2, "level", "enum"),
         WireField(3, "message", "string"),
@@ -103,6 +112,12 @@ def signals(each: Channel, scene: Mapping[str, str]) -> Topic:
         is_partial=is_partial,
         watched=tuple(port.name for port in each.ports) if on_change else (),
     )
+
+
+def _drawn(call: str, source: str, drawn: View | Part, metadata: Mapping[str, str]) -> Topic:
+    """Return the topic of a well-known message, which viewers draw."""
+    name, data = drawn.message.DESCRIPTOR.full_name, file_descriptors(drawn.message)
+    return Topic(drawn.topic, call, source, name, data, _always(drawn.layout), metadata)
 
 
 def _changed_inputs(system: System) -> Iterator[Channel]:

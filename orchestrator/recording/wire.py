@@ -59,11 +59,14 @@ class Layout:
         Returns the values for those codes.
     rest
         Returns what follows, arrays and text, in parts; None where nothing does.
+    is_stamped
+        Whether the message begins with its time stamp, as field 1; if not, `pieces` say where.
     """
 
     pieces: Sequence[bytes | str]
     scalars: Callable[[Values], Iterable[Any]]
     rest: Callable[[Values], Sequence[Buffer]] | None = None
+    is_stamped: bool = True
 
 
 def varint(value: int) -> bytes:
@@ -125,6 +128,31 @@ def packer(pieces: Sequence[bytes | str]) -> Callable[[Iterable[Iterable[Any]]],
         return (gaps.reshape(-1, row.size) | constants).tobytes()
 
     return pack
+
+
+def columns(pieces: Sequence[bytes | str]) -> Callable[..., bytes]:
+    """Return a function from arrays (n,), one for each code of `pieces`, to the bytes of n rows."""
+    dtype = np.dtype(
+        [(f"{k}", f"V{len(p)}" if isinstance(p, bytes) else f"<{p}") for k, p in enumerate(pieces)]
+    )
+    blank = np.zeros(1, dtype)
+    for k, piece in enumerate(pieces):
+        if isinstance(piece, bytes):
+            blank[f"{k}"] = np.void(piece)
+    names = [f"{k}" for k, piece in enumerate(pieces) if isinstance(piece, str)]
+
+    def pack(*arrays: NDArray[Any]) -> bytes:
+        rows = np.repeat(blank, len(arrays[0]))
+        for name, array in zip(names, arrays, strict=True):
+            rows[name] = array
+        return rows.tobytes()
+
+    return pack
+
+
+def nested(number: int, *pieces: bytes | str) -> tuple[bytes | str, ...]:
+    """Return the pieces of a message of fixed size in a field."""
+    return tag(number, LENGTH) + varint(row_size(pieces)), *pieces
 
 
 def layout(fields: Sequence[WireField]) -> Layout:

@@ -1,5 +1,6 @@
 """Timed changes of unconnected inputs and tunable parameters."""
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -47,6 +48,21 @@ def changes(
     if problems:
         raise ScenarioError(problems)
     return tuple(sorted(made, key=lambda change: change.time_ns))
+
+
+def written(change: Change) -> str:
+    """Return a change as events tell it, ``component.variable = value``; the value is JSON."""
+    return f"{change.port} = {json.dumps(change.value, default=_plain)}"
+
+
+def read(at_s: float, text: str) -> EventSpec:
+    """Return the event that makes a change again, which was ``written`` to a recording.
+
+    >>> read(0.5, "mpc.height_agl_m = 30.0")
+    EventSpec(at_s=0.5, set='mpc.height_agl_m', value=30.0)
+    """
+    name, _, value = text.partition(" = ")
+    return EventSpec(at_s, name, json.loads(value))
 
 
 def parsed(port: Port, raw: object) -> Value:
@@ -99,3 +115,8 @@ def _change(
             end = schedule.end_ns / 1e9
             raise ValueError(f"at_s is after the end, got {spec.at_s} s, expected up to {end} s")
     return Change(time_ns, port, parsed(port, spec.value))
+
+
+def _plain(value: object) -> object:
+    """Return an array or bytes as :func:`parsed` takes them."""
+    return value.hex() if isinstance(value, bytes) else np.asarray(value).tolist()

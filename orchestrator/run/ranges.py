@@ -59,4 +59,6 @@ def excess(port: Port, value: Value) -> str:
         if bound is not None
     )
     got = f"{array[index]}{unit}"
-    return f"output {port.name + element!r} is out of range, got {got}, expected {expected}"
+    return (
+        f"{port.causality} {port.name + element!r} is out of range, got {got}, expected {expected}"
+    )

@@ -10,7 +10,7 @@ from orchestrator.assembly.schedule import instants
 from orchestrator.assembly.system import System
 from orchestrator.errors import CouplingError
 from orchestrator.listener import Listener, Result
-from orchestrator.run.events import Change, changes
+from orchestrator.run.events import Change, changes, written
 from orchestrator.run.initialize import Participants, announce, initialize
 from orchestrator.run.journal import Journal, journal
 from orchestrator.run.participant import Participant
@@ -24,6 +24,7 @@ def simulate(
     listeners: Sequence[Listener] = (),
     progress: Callable[[int], None] | None = None,
     interrupt: Callable[[], bool] | None = None,
+    requests: Callable[[int], Sequence[Change]] | None = None,
 ) -> Result:
     """Initialize and run a system, once, and return how it ended.
 
@@ -38,6 +39,9 @@ def simulate(
         Called with the simulated time, ns, about 200 times.
     interrupt : callable, optional
         Asked at every instant; true ends the run with the outcome ``interrupted``.
+    requests : callable, optional
+        Called with the simulated time, ns, at every instant, before anything happens there; it may
+        take its time. Returns changes to make now, beside the scenario's events.
 
     Raises
     ------
@@ -62,7 +66,7 @@ def simulate(
                 opened.append(listener)
                 listener.open(system)
             announce(system, participants, report)
-            _run(system, participants, report, logs, progress, interrupt)
+            _run(system, participants, report, logs, progress, interrupt, requests)
             outcome = "flown"
         except Ended as end:
             outcome, reason = end.outcome, end.reason
@@ -127,6 +131,7 @@ def _run(
     logs: Journal,
     progress: Callable[[int], None] | None,
     interrupt: Callable[[], bool] | None,
+    requests: Callable[[int], Sequence[Change]] | None,
 ) -> None:
     """Walk the schedule to its end, or to where something raises ``Ended``."""
     schedule = system.schedule
@@ -137,6 +142,7 @@ def _run(
         if logs.records:
             logs.tell()
         report.time_ns = time_ns
+        wanted = () if requests is None else requests(time_ns)
         if interrupt is not None and interrupt():
             raise Ended("interrupted", f"interrupted at t = {time_ns / SECOND:.3f} s")
         if progress is not None and time_ns >= mark:
@@ -144,6 +150,8 @@ def _run(
             mark = time_ns + end_ns // 200
         while due and due[0].time_ns <= time_ns:
             _apply(due.popleft(), time_ns, participants, report)
+        for change in wanted:
+            _apply(change, time_ns, participants, report)
         for action in actions if time_ns < end_ns else last_actions:
             action(time_ns)
     report.time_ns = end_ns
@@ -180,13 +188,13 @@ def _compile(
 
 
 def _apply(change: Change, time_ns: int, participants: Participants, report: Report) -> None:
-    """Make a timed change and tell it."""
+    """Tell a timed change and make it: told first, it can be repeated even if it ends the run."""
     port, value = change.port, change.value
-    participants[port.component].change(time_ns, port.name, value)
     for listener in report.listeners:
         tell = listener.inputs if port.causality == "input" else listener.parameters
         tell(time_ns, port.component, {port.name: value})
-    report.event(time_ns, "set", port.component, f"{port} = {value}")
+    report.event(time_ns, "set", port.component, written(change))
+    participants[port.component].change(time_ns, port.name, value)
 
 
 def _terminate(system: System) -> dict[str, str]:

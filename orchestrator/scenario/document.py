@@ -130,14 +130,36 @@ class Scene(_Keys):
     height_agl: Annotated[str, Field(description="set height above ground")] = ""
     ladder: Annotated[str, Field(description="enumeration: how an update was solved")] = ""
     terrain: Annotated[str, Field(description="${name} of the terrain resource")] = ""
+    scan: Annotated[str, Field(description="group: sensed terrain cells")] = ""
+    wind: Annotated[str, Field(description="group: velocity of the air, north east down")] = ""
 
 
 class Recording(_Keys):
-    """What a recording holds beyond the simulated signals."""
+    """What a recording holds, and how."""
 
     wall_clock: Annotated[
         bool, Field(description="measured times too; without, runs are byte-identical")
     ] = True
+    scene: Annotated[bool, Field(description="what viewers draw in 3D, too")] = True
+    include: Annotated[
+        tuple[str, ...], Field(description="patterns of topics to record, as /vehicle/*; none: all")
+    ] = ()
+    exclude: Annotated[
+        tuple[str, ...], Field(description="patterns of topics not to record, as /sensor/*")
+    ] = ()
+    every: Annotated[
+        dict[str, Annotated[int, Ge(1)]],
+        Field(description="pattern of topics: record each n-th of their messages"),
+    ] = {}
+    compression: Annotated[
+        Literal["zstd", "lz4", "none"], Field(description="of the chunks of the file")
+    ] = "zstd"
+    chunk_kb: Annotated[
+        int, Ge(1), Field(description="largest chunk, before compression; at most 1 s long")
+    ] = 1000
+    on_disk_full: Annotated[
+        Literal["stop", "end"], Field(description="stop recording and fly on, or end the run")
+    ] = "stop"
 
 
 class Document(_Keys):

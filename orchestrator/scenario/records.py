@@ -84,9 +84,35 @@ class EventSpec:
 
 @dataclass(frozen=True)
 class RecordingSpec:
-    """What a recording holds beyond the simulated signals."""
+    """What a recording holds, and how.
+
+    Attributes
+    ----------
+    wall_clock : bool
+        Measured times too.
+    scene : bool
+        What viewers draw, too.
+    include, exclude : tuple of str
+        Patterns of topics, as of :mod:`fnmatch`: recorded is what an ``include`` matches (all, if
+        there is none) and no ``exclude`` does.
+    every : mapping
+        Pattern to n: of topics that are published again and again, each n-th message.
+    compression : str
+        Of chunks.
+    chunk_kb : int
+        Largest chunk before compression, kB; none is longer than one simulated second.
+    on_disk_full : str
+        When the file cannot be written any more: ``stop`` recording and fly on, or ``end`` the run.
+    """
 
     wall_clock: bool = True
+    scene: bool = True
+    include: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+    every: Mapping[str, int] = field(default_factory=dict[str, int])
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    chunk_kb: int = 1000
+    on_disk_full: Literal["stop", "end"] = "stop"
 
 
 @dataclass(frozen=True)

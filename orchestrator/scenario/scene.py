@@ -14,6 +14,8 @@ GROUPS: Mapping[str, tuple[str, ...]] = {  # role: members that it must have
     "plan": (),
     "path": POSITION,
     "reference": ("north", "east", "altitude", "heading", "speed"),
+    "scan": ("north", "east", "elevation"),
+    "wind": POSITION,
 }
 
 

@@ -8,7 +8,7 @@ Schema = Mapping[str, Any]
 
 UNITS = {  # of keys by suffix; the first that fits
     "_per_s": "1/s", "_mps2": "m/s2", "_radps": "rad/s", "_mps": "m/s", "_deg": "deg",
-    "_rad": "rad", "_kg": "kg", "_hz": "Hz", "_ms": "ms", "_G": "G", "_m": "m", "_s": "s",
+    "_rad": "rad", "_kg": "kg", "_kb": "kB", "_hz": "Hz", "_ms": "ms", "_G": "G", "_m": "m", "_s": "s",
 }  # fmt: skip
 BOUNDS = {
     "minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<",

@@ -107,8 +107,6 @@ def source_variables(
                 row,
                 name=row.name.replace("actuator", "applied"),
                 description="actuator at the start of the last step",
-                min=None,
-                max=None,
             )
             for row in rows
             if row.name in ACTUATOR

@@ -1,0 +1,1 @@
+"""Watch a run in a viewer while it lasts, and steer it from there."""

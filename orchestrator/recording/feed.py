@@ -1,0 +1,116 @@
+"""What a run tells, sorted into the topics of a recording: for a file, or for who watches live."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from orchestrator.assembly.system import System
+from orchestrator.component import Value
+from orchestrator.recording.choice import chosen
+from orchestrator.recording.chunks import Batch
+from orchestrator.recording.provenance import EPOCH_NS
+from orchestrator.recording.scene import Stage
+from orchestrator.recording.streams import Row, Stream, instant
+from orchestrator.recording.topics import Topic, topics
+
+Source = tuple[str, str]  # listener call and component; none where it is for all
+
+
+class Feed:
+    """The calls of a listener, kept until they are taken as records.
+
+    Parameters
+    ----------
+    add_channel
+        Called with every topic, in order, so that a silent one is known too; returns its channel.
+    wall_clock
+        Whether to keep what was measured in wall-clock time. The scenario can switch it off too.
+
+    Raises
+    ------
+    ValueError
+        If a scene role names nothing to draw; no channel has been added then.
+    """
+
+    def __init__(
+        self, system: System, add_channel: Callable[[Topic], int], *, wall_clock: bool
+    ) -> None:
+        spec = system.scenario.recording
+        self.has_wall_clock = wall_clock and spec.wall_clock
+        self.untimed: set[str] = set()  # components whose overruns are not kept
+        if not self.has_wall_clock:  # an overrun that steers the flight is kept all the same
+            components = system.scenario.components
+            self.untimed = {each.name for each in components if each.on_overrun == "log"}
+        planned = chosen(topics(system, wall_clock=self.has_wall_clock), spec)
+        self._stage = Stage(system)
+        self._streams = [
+            ((topic.call, topic.component), Stream(add_channel(topic), topic)) for topic in planned
+        ]
+        self._rows: dict[Source, list[Row]] = {source: [] for source, _ in self._streams}
+        self._parameters: dict[str, dict[str, Value]] = {}  # all current values by component
+        self._steps: dict[str, float] = {}  # measured durations at self._steps_ns, by component
+        self._steps_ns = -1
+        self._unmeasured = dict.fromkeys(system.ports, 0.0)
+        self._time_ns = -1
+        self._instant = b""
+
+    def outputs(self, time_ns: int, component: str, values: Mapping[str, Value]) -> None:
+        """Keep a component's outputs, and what is drawn of them."""
+        self._keep(time_ns, ("outputs", component), values)
+        for topic, drawn in self._stage.outputs(time_ns, component, values):
+            self._keep(time_ns, ("scene", topic), drawn)
+
+    def inputs(self, time_ns: int, component: str, values: Mapping[str, Value]) -> None:
+        """Keep the given inputs; the others are absent from the message."""
+        self._keep(time_ns, ("inputs", component), values)
+
+    def parameters(self, time_ns: int, component: str, values: Mapping[str, Value]) -> None:
+        """Keep all parameters of a component, of which `values` are new."""
+        current = self._parameters.get(component, {}) | dict(values)
+        self._parameters[component] = current
+        self._keep(time_ns, ("parameters", component), current)
+
+    def event(self, time_ns: int, kind: str, component: str, message: str) -> None:
+        """Keep what happened, unless it is a measurement that nobody asked for."""
+        if kind != "overrun" or component not in self.untimed:
+            values = {"kind": kind, "component": component, "message": message}
+            self._keep(time_ns, ("event", ""), values)
+
+    def log(self, time_ns: int, level: int, name: str, message: str) -> None:
+        """Keep a line of text; levels of `logging` are ten times those of `foxglove.Log`."""
+        values = {"level": min(max(level // 10, 1), 5), "name": name, "message": message}
+        self._keep(time_ns, ("log", ""), values)
+
+    def wall_clock(self, time_ns: int, component: str, elapsed_s: float) -> None:
+        """Keep the measured duration of a step, if wanted; one message tells all of an instant."""
+        if time_ns != self._steps_ns:
+            self._steps = dict(self._unmeasured)
+            self._steps_ns = time_ns
+            self._keep(time_ns, ("wall_clock", ""), self._steps)
+        self._steps[component] += elapsed_s
+
+    def take(self) -> tuple[list[Batch], list[ValueError]]:
+        """Return the records of what was kept since the last time; and why some cannot be made."""
+        batches: list[Batch] = []
+        refusals: list[ValueError] = []
+        for source, stream in self._streams:
+            if self._rows[source]:
+                times, records, refusal = stream.records(self._rows[source])
+                if records:
+                    batches.append((stream.channel, times, records))
+                refusals += [] if refusal is None else [refusal]
+        self.clear()
+        return batches, refusals
+
+    def clear(self) -> None:
+        """Forget what was kept."""
+        for rows in self._rows.values():
+            rows.clear()
+
+    def _keep(self, time_ns: int, source: Source, values: Mapping[str, Any]) -> None:
+        """Keep values until they are taken: nobody changes them."""
+        if time_ns != self._time_ns:
+            self._time_ns = time_ns
+            self._instant = instant(EPOCH_NS + time_ns)
+        rows = self._rows.get(source)
+        if rows is not None:
+            rows.append((EPOCH_NS + time_ns, self._instant, values))

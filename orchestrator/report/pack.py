@@ -1,0 +1,117 @@
+"""Charts as plain data for the page's script; numbers as base64 of little-endian float32."""
+
+from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from orchestrator.report.charts import Array, Chart, Line, Mark
+
+MOST_POINTS = 4000  # of a line
+FEWEST_POINTS = 64
+ALL_POINTS = 120_000  # of a recording's lines: with x and y of 4 bytes, 1.3 MB as base64
+
+
+def pack(charts: Sequence[Chart]) -> dict[str, Any]:
+    """Return ``{"charts": [...], "arrays": [...]}``; a chart's numbers are indices of arrays."""
+    arrays: dict[str, int] = {}
+
+    def index(values: Array | None) -> int | None:
+        if values is None:
+            return None
+        with np.errstate(over="ignore"):  # what float32 cannot hold is a gap
+            text = b64encode(values.astype("<f4").tobytes()).decode()
+        return arrays.setdefault(text, len(arrays))
+
+    limits = _limits(line for chart in charts for line in chart.lines)
+    packed = [_chart(chart) for chart in charts]
+    for plain, chart in zip(packed, charts, strict=True):
+        for line in chart.lines:
+            is_whole = line.kind == "faint"  # many lines in one, which is short enough
+            kept = thinned(line.y, len(line.y) if is_whole else limits[line.recording])
+            time = None if line.time is None else line.time[kept]
+            plain["lines"].append(
+                {
+                    "name": line.name,
+                    "recording": line.recording,
+                    "style": line.style,
+                    "kind": line.kind,
+                    "x": index(line.x[kept]),
+                    "y": index(line.y[kept]),
+                    "t": index(time),
+                }
+            )
+    return {"charts": packed, "arrays": list(arrays)}
+
+
+def thinned(values: Array, limit: int) -> NDArray[np.intp]:
+    """Return which samples to keep: at most `limit`, among them the least and largest of each run.
+
+    Every run of ``2 n / limit`` samples keeps its extremes where they are, so that no peak is lost.
+    """
+    n = len(values)
+    if n <= limit:
+        return np.arange(n)
+    run = -(-n // (limit // 2 - 1))
+    starts = np.arange(0, n, run)
+    padded = np.full(len(starts) * run, np.nan)
+    padded[:n] = values
+    rows = padded.reshape(-1, run)
+    unknown = np.isnan(rows)
+    least = np.argmin(np.where(unknown, np.inf, rows), axis=1)
+    largest = np.argmax(np.where(unknown, -np.inf, rows), axis=1)
+    return np.unique(np.concatenate([[0], starts + least, starts + largest, [n - 1]]))
+
+
+def description(chart: Chart, labels: Sequence[str]) -> str:
+    """Return what a chart shows in words, for those who do not see it."""
+    x, y = (f"{name}, {unit}" if unit else name for name, unit in (chart.x, chart.y))
+    parts = [f"{chart.title}: {y} over {x}"]
+    for line in chart.lines:
+        known = line.y[np.isfinite(line.y)]
+        if line.kind != "faint" and len(known):
+            number = line.recording
+            who = "" if number is None or len(labels) == 1 else f"{labels[number]}, "
+            parts.append(f"{who}{line.name} from {known.min():.4g} to {known.max():.4g}")
+    parts += [mark.text for mark in chart.marks]
+    return "; ".join(parts)
+
+
+def _limits(lines: Iterable[Line]) -> dict[int | None, int]:
+    """Return how many points a line of each recording may have."""
+    lengths: dict[int | None, list[int]] = {}
+    for line in lines:
+        lengths.setdefault(line.recording, []).append(len(line.y))
+    limits: dict[int | None, int] = {}
+    for recording, each in lengths.items():
+        limit = MOST_POINTS
+        while limit > FEWEST_POINTS and sum(min(n, limit) for n in each) > ALL_POINTS:
+            limit //= 2
+        limits[recording] = limit
+    return limits
+
+
+def _chart(chart: Chart) -> dict[str, Any]:
+    picture = chart.picture
+    return {
+        "title": chart.title,
+        "x": chart.x,
+        "y": chart.y,
+        "link": chart.link,
+        "categories": chart.categories,
+        "extent": chart.extent,
+        "north": chart.north_deg,
+        "marks": [_mark(mark) for mark in chart.marks],
+        "picture": picture
+        and {
+            "href": "data:image/png;base64," + b64encode(picture.png).decode(),
+            "extent": [picture.left, picture.right, picture.bottom, picture.top],
+        },
+        "lines": [],
+    }
+
+
+def _mark(mark: Mark) -> dict[str, Any]:
+    return {"text": mark.text, "x": mark.x, "y": mark.y, "recording": mark.recording}

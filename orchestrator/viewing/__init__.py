@@ -1,0 +1,1 @@
+"""What makes recordings look like something in the viewers people have."""
