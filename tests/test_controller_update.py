@@ -326,12 +326,12 @@ def test_committed_samples_are_those_that_will_be_played(late):
         played[k + late : k + late + 200] = memory.plan.commands
 
 
-def test_uncompensated_nothing_is_committed():
+def test_uncompensated_nothing_is_predicted():
     """Without compensation a plan starts from the state measured, though it takes effect later."""
     naive = replace(P, compensate_latency=False)
     memory, best, _ = once(fresh(), state_at(), parameters=naive, late=10)
     assert memory.plan.start == 0.5
-    assert memory.committed.shape == (0, 4)
+    assert memory.committed.shape == (10, 4)
     assert best.Y[0, 0] == pytest.approx(1.5, abs=0.01)
 
 

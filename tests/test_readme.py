@@ -47,6 +47,7 @@ def test_every_parameter_is_documented():
 
     from controller.parameters import MpcParameters
     from controller.sequencer import SequencerParameters
+    from orchestrator.fmu.prediction_parameters import FmuModelParameters
     from orchestrator.scenario.load import json_schema
     from plant.gust import DrydenGustParameters
     from plant.helicopter import HelicopterParameters, ModelParameters, Perturbation
@@ -57,6 +58,7 @@ def test_every_parameter_is_documented():
     records = (
         MpcParameters, SequencerParameters, DrydenGustParameters, HelicopterParameters,
         ModelParameters, Perturbation, TerrainSensorParameters, TerrainParameters,
+        FmuModelParameters,
     )  # fmt: skip
     names = {field.name for record in records for field in fields(record)}
     names |= set(json_schema()["properties"])
