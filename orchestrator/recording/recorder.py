@@ -171,7 +171,7 @@ class Recorder:
     def _keep(self, time_ns: int, source: Source, values: Mapping[str, Any]) -> None:
         """Keep values until the next flush: nobody changes them."""
         if time_ns != self._time_ns:
-            if time_ns > self._flush_ns:  # a whole second is written with its end  # at most one simulated second waits in memory
+            if time_ns > self._flush_ns:  # a second waits in memory until after its last instant
                 self._flush()
                 self._flush_ns = (time_ns // FLUSH_NS + 1) * FLUSH_NS
             self._time_ns = time_ns

@@ -6,7 +6,15 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from orchestrator.recording.frames import MAP
-from orchestrator.recording.scene_primitives import Floats, entity, joined, triangles
+from orchestrator.recording.scene_primitives import (
+    Color,
+    Floats,
+    entity,
+    joined,
+    line,
+    points,
+    triangles,
+)
 from orchestrator.recording.wire import delimited
 
 MAX_POSTS = 30_000
@@ -15,6 +23,11 @@ MARGIN = 500.0  # m, around the straight flight
 GROWTH = 1.25  # of the spacing, from post to post towards the horizon
 HORIZON = 6000.0  # m
 EXACT = 32  # of coordinates in 1/m: short in binary, hence small when compressed
+
+NET = 100.0  # m, between the lines on the ground
+ABOVE = 0.25  # m, of these lines: in the ground they would come and go
+BAND = 10.0  # m, of height in one tone
+INK: Color = (0.22, 0.26, 0.20, 0.35)
 
 # low to high: valley, meadow, dry grass, rock, pale rock; red, green, blue
 TINTS = np.array(
@@ -43,12 +56,16 @@ class Box(NamedTuple):
 
 
 class Mesh(NamedTuple):
-    """Posts of a rectilinear grid in ENU: x (m,), y (n,), z (n, m) in m; rgb (n, m, 3)."""
+    """Posts of a rectilinear grid in ENU: x (m,), y (n,), z (n, m) in m; rgb (n, m, 3).
+
+    Rows and columns of ``near`` are those around the flight.
+    """
 
     x: Floats
     y: Floats
     z: Floats
     rgb: Floats
+    near: tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def flight_box(position: tuple[float, float], way: tuple[float, float]) -> Box:
@@ -72,7 +89,11 @@ def terrain_mesh(ground: Ground, box: Box) -> Mesh:
         y, x = _axes(box, limits)
         z = elevation(y[:, None], x[None, :])
     y, x, z = (np.round(EXACT * values) / EXACT for values in (y, x, z))
-    return Mesh(x, y, z, _shaded(x, y, z, box))
+    near = (
+        np.flatnonzero((y >= box.south) & (y <= box.north)),
+        np.flatnonzero((x >= box.west) & (x <= box.east)),
+    )
+    return Mesh(x, y, z, _shaded(x, y, z, z[np.ix_(*near)]), near)
 
 
 def mesh_entity(mesh: Mesh, stamp: bytes) -> bytes:
@@ -86,7 +107,7 @@ def mesh_entity(mesh: Mesh, stamp: bytes) -> bytes:
     corners = (np.cumsum(there) - 1)[corners[there[corners].all(axis=1)]]
     rgba = np.column_stack([rgb, np.ones(len(rgb))])
     shape = triangles(xyz[there], rgba[there], corners)
-    return joined(entity(MAP, "terrain", shape, stamp=stamp))
+    return joined(entity(MAP, "terrain", shape, *_net(mesh), stamp=stamp))
 
 
 def packed_color(red: Any, green: Any, blue: Any) -> Any:
@@ -161,12 +182,25 @@ def _within(axis: Floats, low: float, high: float) -> slice:
     return slice(max(int(first) - 1, 0), int(last) + 1)
 
 
-def _shaded(x: Floats, y: Floats, z: Floats, box: Box) -> Floats:
+def _net(mesh: Mesh) -> list[bytes]:
+    """Return lines on the ground around the flight, about 100 m apart, for an eye to measure by."""
+    rows, cols = mesh.near
+    if min(len(rows), len(cols)) < 2:
+        return []
+    x, y, z = mesh.x[cols], mesh.y[rows], mesh.z[np.ix_(rows, cols)] + ABOVE
+    every = max(1, round(NET * (len(y) - 1) / float(y[-1] - y[0])))
+    along = [np.column_stack([x, np.full_like(x, y[k]), z[k]]) for k in range(0, len(y), every)]
+    across = [np.column_stack([np.full_like(y, x[k]), y, z[:, k]]) for k in range(0, len(x), every)]
+    ways = (way[np.isfinite(way[:, 2])] for way in along + across)
+    return [joined(line((points(5, way),), 1.0, INK)) for way in ways if len(way) > 1]
+
+
+def _shaded(x: Floats, y: Floats, z: Floats, near: Floats) -> Floats:
     """Return colours by height, in the light of a sun in the north-west, 40 degrees high."""
     if min(z.shape) < 2:
         return np.broadcast_to(TINTS[1], (*z.shape, 3))
-    near = z[np.ix_((y >= box.south) & (y <= box.north), (x >= box.west) & (x <= box.east))]
     low, high = np.nanpercentile(near if np.isfinite(near).any() else z, [2.0, 98.0])
+    band = 1.0 + 0.03 * np.where(np.floor(z / BAND) % 2.0 < 1.0, 1.0, -1.0)
     rank = np.clip((z - low) / max(high - low, 30.0), 0.0, 1.0) * (len(TINTS) - 1)
     tint = np.stack([np.interp(rank, range(len(TINTS)), band) for band in TINTS.T], axis=-1)
     up, right = np.gradient(z, y, x)
@@ -174,7 +208,7 @@ def _shaded(x: Floats, y: Floats, z: Floats, box: Box) -> Floats:
     light = np.array([-0.542, 0.542, 0.643])  # x, y, z
     normal = np.stack([-steep * right, -steep * up, np.ones_like(z)], axis=-1)
     shade = np.clip(normal @ light / np.linalg.norm(normal, axis=-1), 0.0, 1.0) / light[2]
-    return np.round(255 * np.clip(tint * (0.35 + 0.65 * shade)[..., None], 0.0, 1.0)) / 256
+    return np.round(255 * np.clip(tint * (band * (0.35 + 0.65 * shade))[..., None], 0.0, 1.0)) / 256
 
 
 def _vertices(mesh: Mesh) -> tuple[Floats, Floats]:
