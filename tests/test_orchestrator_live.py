@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import small_components
-from fake_system import TICK_NS, flight, helicopter
+from fake_system import TICK_NS, flight, helicopter, tell
 from hypothesis import given
 from hypothesis import strategies as st
 from live_viewer import SUBPROTOCOL, Viewer
@@ -29,6 +29,7 @@ from orchestrator.live.pace import LATE_S, Pace
 from orchestrator.playback.replay import replay
 from orchestrator.recording.provenance import EPOCH_NS
 from orchestrator.recording.reader import Recording
+from orchestrator.recording.recorder import Recorder
 from orchestrator.run.events import Change, changes, read, written
 from orchestrator.run.simulate import simulate
 from orchestrator.scenario.load import load
@@ -281,22 +282,24 @@ def test_who_comes_late_gets_the_scene_and_the_last_of_everything():
     made = replace(helicopter(cells=20, capacity=8, posts=5), resources={"terrain": Hill()})
     scene = {**made.scenario.scene, "terrain": "${terrain}"}
     made = replace(made, scenario=replace(made.scenario, scene=scene))
+    calls = flight(made, 3.0)
+    tell(Recorder(Path("alone.mcap")), made, calls)
+    last = {name: messages[-1][1] for name, (*_, messages) in recorded("alone.mcap").items() if messages}
     live = Live(made, port=0, speed=float("inf"))
     live.open(made)
-    for call, arguments in flight(made, 3.0):
+    for call, arguments in calls:
         getattr(live, call)(*arguments)
         live.requests(arguments[0])
     with Viewer(live.address, subscribes=False) as viewer:
-        viewer.wait(lambda: "/log" in viewer.channels)
-        topics = [t for t in viewer.channels if t not in ("/events", "/log")]
-        viewer.subscribe(topics)
-        while not all(viewer.messages[topic] for topic in topics):
-            live.requests(60 * TICK_NS)
+        viewer.wait(lambda: viewer.channels.keys() >= last.keys())
+        viewer.subscribe([topic for topic in last if topic not in ("/events", "/log")])
+        live._desk.wishes.put(("paused", True))
+        live._interrupt = lambda: all(viewer.messages.values())
+        live.requests(60 * TICK_NS)
         live.close(Result("flown", "", 60 * TICK_NS, {}, 1.0, 1.0))
-    assert {"/scene/terrain", "/scene/terrain_points", "/scene/craft", "/tf"} <= set(topics)
-    assert {time for heard in viewer.messages.values() for time, _ in heard} == {
-        EPOCH_NS + 60 * TICK_NS
-    }
+    assert {"/scene/terrain", "/scene/terrain_points", "/scene/craft", "/tf"} <= last.keys()
+    for topic, messages in viewer.messages.items():
+        assert messages == [(EPOCH_NS + 60 * TICK_NS, last[topic])], topic
 
 
 def test_a_viewer_that_stops_reading_or_vanishes_holds_nothing_up():
