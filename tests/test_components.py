@@ -22,12 +22,13 @@ class Poles:
     "name", ["helicopter", "basis_mpc", "plan_sequencer", "terrain_sensor", "dryden_gust"]
 )
 def test_it_keeps_the_contract(name, scenarios, capsys):
-    """`hedgehop check` finds no failed clause, state in a new process included."""
+    """`hedgehop check` passes every clause that applies, state in a new process included."""
     assert status(["check", name, "--scenario", str(scenarios / "gusty.yaml")]) == 0
-    told = capsys.readouterr().out
-    assert "failed" not in told
-    assert "not applicable" not in told
-    assert told.count("passed") == 12
+    rows = [line.split("  ") for line in capsys.readouterr().out.splitlines()]
+    verdicts = {row[0]: "  ".join(row) for row in rows if row[0]}
+    other = {clause for clause, line in verdicts.items() if "not applicable" in line}
+    assert other == {"step sizes", "snapshot"}  # of FMUs
+    assert sum("passed" in line for line in verdicts.values()) == 12
 
 
 def test_a_float_parameter_given_as_an_integer_is_a_float():

@@ -26,6 +26,7 @@ from orchestrator.flight import fly, fly_system
 from orchestrator.listener import Result
 from orchestrator.live.live import Live
 from orchestrator.live.pace import LATE_S, Pace
+from orchestrator.live.tunables import accepted, bounds
 from orchestrator.playback.replay import replay
 from orchestrator.recording.provenance import EPOCH_NS
 from orchestrator.recording.reader import Recording
@@ -183,23 +184,15 @@ def test_a_viewer_cannot_ask_for_what_is_no_value():
 
 def test_values_out_of_bounds_are_refused_before_they_reach_the_component():
     """Bounds are those of the description, and those of the parameter's field."""
-    pilot = "tunable_pilot:Pilot"
-    source = Path(small_components.__file__).read_text()
-    Path("tunable_pilot.py").write_text(source.replace('["height_m"]', '["gain_per_s"]'))
-    sys.path.insert(0, str(Path.cwd()))
-    try:
-        live = Live(build(load("glide.yaml", [f"components.pilot.use={pilot}", "events=[]"])), port=0)
-    finally:
-        sys.path.pop(0)
-    live.stop()
-    desk = live._desk
-    (port,) = desk._ports.values()
-    with pytest.raises(ValueError, match=r"out of range, got -1\.0, expected greater than or equal"):
-        desk._ask("pilot.gain_per_s", -1)
-    desk._ports["pilot.gain_per_s"] = replace(port, max=2.0)
-    with pytest.raises(ValueError, match=r"'gain_per_s' is out of range, got 3\.0, expected at most"):
-        desk._ask("pilot.gain_per_s", 3)
-    assert desk.wishes.empty()
+    made = build(load("glide.yaml"))
+    port = made.ports["pilot"]["gain_per_s"]
+    assert accepted(port, 3, bounds(made)) == 3.0
+    with pytest.raises(
+        ValueError, match=r"^out of range, got -1\.0 1/s, expected greater than or e"
+    ):
+        accepted(port, -1, bounds(made))
+    with pytest.raises(ValueError, match=r"parameter 'gain_per_s' is out of range, got 3\.0 1/s"):
+        accepted(replace(port, max=2.0), 3, bounds(made))
 
 
 def test_a_change_that_ends_the_flight_is_repeated_too():
@@ -248,7 +241,9 @@ def test_a_viewer_pauses_and_plays():
         viewer.wait(lambda: viewer.states and viewer.states[-1][0] == 1)
         viewer.send(op="getParameters", parameterNames=["paused", "speed"], id="get")
         viewer.wait(lambda: viewer.answers("parameterValues"))
-        values = {p["name"]: p["value"] for p in viewer.answers("parameterValues")[-1]["parameters"]}
+        values = {
+            p["name"]: p["value"] for p in viewer.answers("parameterValues")[-1]["parameters"]
+        }
         assert values["speed"] == 20.0
         assert show.flight is None
         viewer.set(paused=False)
@@ -284,7 +279,9 @@ def test_who_comes_late_gets_the_scene_and_the_last_of_everything():
     made = replace(made, scenario=replace(made.scenario, scene=scene))
     calls = flight(made, 3.0)
     tell(Recorder(Path("alone.mcap")), made, calls)
-    last = {name: messages[-1][1] for name, (*_, messages) in recorded("alone.mcap").items() if messages}
+    last = {
+        name: messages[-1][1] for name, (*_, messages) in recorded("alone.mcap").items() if messages
+    }
     live = Live(made, port=0, speed=float("inf"))
     live.open(made)
     for call, arguments in calls:

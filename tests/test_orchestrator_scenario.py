@@ -151,7 +151,7 @@ def test_one_mistake_is_one_line(line, message):
             "title: a\nduration_s: 1\ncomponents: {c: {use: m:C, on_error: hodl}}",
             (
                 "3:38: components.c.on_error: not a choice, got 'hodl', expected one of 'end', 'hold', "
-                "did you mean 'hold'"
+                "'restart', did you mean 'hold'"
             ),
         ),
         (

@@ -36,9 +36,9 @@ def build(scenario: Scenario, announce: Announce = silent) -> System:
         the coupling; each by file, line and column.
     """
     plans = make_plans(scenario)
-    remotes: dict[KeyPath, Remote] = {}
+    made: dict[KeyPath, Any] = {}
     try:
-        made = _make(scenario, plans, remotes, announce)
+        _make(scenario, plans, made, announce)
         components = {spec.name: made["components", spec.name] for spec in scenario.components}
         system = couple(scenario, components)
         check_scene(scenario, system.ports)
@@ -47,9 +47,9 @@ def build(scenario: Scenario, announce: Announce = silent) -> System:
 
             check_recording(system)
     except BaseException as error:
-        for remote in remotes.values():
+        for component in (one for path, one in made.items() if path[0] == "components"):
             with suppress(Exception):
-                remote.terminate()
+                component.terminate()
         if isinstance(error, ScenarioError):
             raise located(error, scenario.origins) from error
         raise
@@ -59,13 +59,15 @@ def build(scenario: Scenario, announce: Announce = silent) -> System:
 
 
 def _make(
-    scenario: Scenario, plans: Sequence[Plan], remotes: dict[KeyPath, Remote], announce: Announce
-) -> dict[KeyPath, Any]:
+    scenario: Scenario, plans: Sequence[Plan], made: dict[KeyPath, Any], announce: Announce
+) -> None:
     """Make isolated components in their processes, which start at once, and all others here.
 
-    A resource is made wherever it is needed. Processes are added to ``remotes`` when they start.
+    A resource is made wherever it is needed. What is made is in ``made`` at once, so that it can be
+    ended where another cannot be made.
     """
     problems: list[Problem] = []
+    remotes: dict[KeyPath, Remote] = {}
     isolated: dict[KeyPath, ComponentSpec] = {
         ("components", s.name): s for s in scenario.components if s.isolation == "process"
     }
@@ -73,7 +75,7 @@ def _make(
         if plan.path in isolated:
             spec = isolated[plan.path]
             try:
-                remotes[plan.path] = Remote(
+                made[plan.path] = remotes[plan.path] = Remote(
                     [*needed(plan, plans), plan],
                     plan.path,
                     timeout_s=spec.timeout_s,
@@ -85,9 +87,8 @@ def _make(
     injected = {path for plan in plans for path in plan.needs if drawn != f"${{{path[1]}}}"}
     roots = [plan for plan in plans if plan.path not in injected and plan.path not in isolated]
     here = {one.path for root in roots for one in (root, *needed(root, plans))}
-    made: dict[KeyPath, Any] = {}
     try:
-        made = make([plan for plan in plans if plan.path in here], announce)
+        make([plan for plan in plans if plan.path in here], announce, made)
     except ScenarioError as error:
         problems += error.problems
     for path, remote in remotes.items():
@@ -100,4 +101,3 @@ def _make(
             problems.append(Problem(path, f"{dotted(path)}: {error}"))
     if problems:
         raise ScenarioError(dict.fromkeys(problems))
-    return made | remotes

@@ -17,15 +17,17 @@ def silent(_: str) -> None:
     """Announce nothing."""
 
 
-def make(plans: Iterable[Plan], announce: Announce = silent) -> dict[KeyPath, Any]:
-    """Return the resources and components of plans, by path.
+def make(
+    plans: Iterable[Plan], announce: Announce = silent, made: dict[KeyPath, Any] | None = None
+) -> dict[KeyPath, Any]:
+    """Return the resources and components of plans, by path; in ``made``, where that is given.
 
     Raises
     ------
     ScenarioError
         With every constructor's refusal, not yet located.
     """
-    made: dict[KeyPath, Any] = {}
+    made = {} if made is None else made
     problems: list[Problem] = []
     for plan in plans:
         if not all(path in made for path in plan.needs):
