@@ -22,7 +22,7 @@ from orchestrator.export.export import choose, export
 SCENARIO = Path(__file__).parents[1] / "scenarios" / "jacksboro.yaml"
 PERIOD, STEPS = 0.05, 200
 NUDGE = (0.03, 0.02, 0.02, 0.05)  # of the command, from 1 s on
-TEXT = ("outcome", "valid")  # of the outputs, what is no float
+OTHER = ("outcome", "valid", "applied")  # of the outputs, what is no float or the FMU's alone
 
 
 class Raw:
@@ -35,7 +35,8 @@ class Raw:
         self.trim = np.array(
             [float(v.start) for v in description.modelVariables if v.name in self.commands]
         )
-        self.outputs = [v.variable.name for v in description.outputs if v.variable.name not in TEXT]
+        names = [unknown.variable.name for unknown in description.outputs]
+        self.outputs = [name for name in names if name.partition(".")[0] not in OTHER]
         self._known, self._unknown = ([rows[n] for n in g] for g in (self.commands, self.outputs))
         fmi = int(description.fmiVersion[0])
         self.fmu = instantiate_fmu(extract(file, folder), description, "CoSimulation")
