@@ -73,6 +73,8 @@ def test_every_topic_is_packed_as_it_is_encoded_alone():
     system = helicopter(cells=3, capacity=4, posts=2, wall_clock=True)
     rng = np.random.default_rng(0)
     for topic in topics(system, wall_clock=True):
+        if topic.call == "scene":  # of several components: test_orchestrator_recording_scene.py
+            continue
         ports = system.ports.get(topic.component, {})
         told = [
             {name: rng.normal(size=p.shape) if p.shape else k for name, p in ports.items()}

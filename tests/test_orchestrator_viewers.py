@@ -41,4 +41,8 @@ def test_rerun_decodes_every_channel(recording):
     assert "Transform3D:translation" in columns["/tf"]
     assert "InstancePoses3D:translations" in columns["/scene/pose"]
     assert "InstancePoses3D:translations" in columns["/scene/plan"]
+    assert "Points3D:positions" in columns["/scene/terrain_points"]
+    assert "Points3D:positions" in columns["/scene/sensed"]
+    assert "Transform3D:translation" in columns["/scene/rotor"]
+    assert "TextLog:text" in columns["/log"]
     assert "hedgehop.vehicle.State:message" in columns["/vehicle/state"]

@@ -598,6 +598,67 @@ def report(
     print(f"{file}: written, {file.stat().st_size / 1e6:.2g} MB")
 
 
+@app.command
+def layout(
+    recording: Path,
+    /,
+    *,
+    out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None,
+) -> None:
+    """Write the layout that shows a recording in Lichtblick or Foxglove.
+
+    Parameters
+    ----------
+    recording
+        An MCAP file.
+    out
+        The JSON file to write; named after the recording, in this folder, if not given.
+    """
+    from orchestrator.recording.reader import Recording
+    from orchestrator.viewing.layout import layout_json
+    from orchestrator.viewing.plots import recorded
+
+    with _user_errors():
+        file = out or Path(f"{recording.stem}.layout.json")
+        file.write_bytes(layout_json(recorded(Recording.open(recording))))
+    print(f"{file}: written")
+
+
+@app.command
+def view(
+    recording: Path,
+    /,
+    *,
+    serve: Annotated[bool, Parameter(name="--serve", negative="")] = False,
+    web: Annotated[bool, Parameter(name="--web", negative="")] = False,
+    port: int = 0,
+) -> int:
+    """Show a recording: in Rerun if it is installed, or served to Lichtblick and Foxglove.
+
+    Parameters
+    ----------
+    recording
+        An MCAP file.
+    serve
+        Serve recording and layout on this machine, even if Rerun is installed.
+    web
+        Rerun's viewer in a browser.
+    port
+        Where to serve; any free port if 0.
+    """
+    from orchestrator.recording.reader import Recording
+    from orchestrator.viewing import view as viewing
+
+    with _user_errors():
+        opened = Recording.open(recording)
+        if web and not viewing.has_rerun():
+            raise ValueError("--web: rerun is not installed, expected pip install hedgehop[rerun]")
+        if viewing.has_rerun() and not serve:
+            return viewing.show(opened, is_web=web)
+        viewing.serve(opened, port, lambda line: print(line, flush=True))
+    return 0
+
+
 @contextmanager
 def _user_errors() -> Generator[None]:
     """Take what a file or component that the user named raises as the user's to mend."""

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from queue import Empty
+from threading import Thread
 from time import perf_counter, sleep
-from typing import Any
 
 import foxglove
 from foxglove import StatusLevel
@@ -26,7 +26,7 @@ HOST = "127.0.0.1"
 POLL_S = 0.05  # how long a wait lasts before it looks around
 CLOCK_S = 1 / 60  # between broadcasts of the time: more than a viewer draws would fill its queue
 JOINING_S = 0.1  # from hearing of a subscription to when the server sends what is subscribed to
-LEAVING_S = 0.2  # for the last messages to leave
+LEAVING_S = 0.2  # for the last messages to leave, and again for the viewers
 
 
 class Live:
@@ -50,6 +50,8 @@ class Live:
     ------
     OSError
         If the port cannot be listened on.
+    ValueError
+        If a scene role names nothing to draw.
     """
 
     wants_wall_clock = True
@@ -68,13 +70,16 @@ class Live:
         self._interrupt = interrupt
         self._line = Line(system, show) if show is not None else None
         self._context = foxglove.Context()  # holds channels; not the SDK's own, which lives on
-        self._channels: list[Any] = []
-        self._last: dict[int, bytes] = {}  # message by channel, for who comes late
+        self._feed = Feed(system, wall_clock=True)
+        # before the server: it tells of a channel that is added later before it knows it itself
+        self._channels = [self._channel(topic) for topic in self._feed.topics]
+        self._feed.start(range(len(self._channels)))
+        self._last: dict[int, tuple[float, bytes]] = {}  # by channel: when sent, and the message
         self._joined: set[int] = set()  # channels that somebody has begun to watch
         self._joined_at = 0.0
         self._time_ns = 0
         self._clock_at = 0.0
-        self._feed: Feed | None = None
+        self._is_stopped = False
         end_ns = EPOCH_NS + system.schedule.end_ns
         try:
             self._server = foxglove.start_server(
@@ -95,35 +100,34 @@ class Live:
         return f"ws://{HOST}:{self._server.port}"
 
     def open(self, system: System, /) -> None:
-        """Offer every topic."""
-        self._feed = Feed(system, self._add_channel, wall_clock=True)
+        """Do nothing: viewers may have come already."""
 
     def outputs(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
         """Show outputs."""
-        self._told.outputs(time_ns, component, values)
+        self._feed.outputs(time_ns, component, values)
         if self._line is not None:
             self._line.outputs(component, values)
 
     def inputs(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
         """Show inputs."""
-        self._told.inputs(time_ns, component, values)
+        self._feed.inputs(time_ns, component, values)
 
     def parameters(self, time_ns: int, component: str, values: Mapping[str, Value], /) -> None:
         """Show parameters."""
-        self._told.parameters(time_ns, component, values)
+        self._feed.parameters(time_ns, component, values)
         self._desk.take_over(component, values)
 
     def event(self, time_ns: int, kind: str, component: str, message: str, /) -> None:
         """Show what happened."""
-        self._told.event(time_ns, kind, component, message)
+        self._feed.event(time_ns, kind, component, message)
 
     def log(self, time_ns: int, level: int, name: str, message: str, /) -> None:
         """Show a line of text."""
-        self._told.log(time_ns, level, name, message)
+        self._feed.log(time_ns, level, name, message)
 
     def wall_clock(self, time_ns: int, component: str, elapsed_s: float, /) -> None:
         """Show the measured duration of a step."""
-        self._told.wall_clock(time_ns, component, elapsed_s)
+        self._feed.wall_clock(time_ns, component, elapsed_s)
 
     def requests(self, time_ns: int, /) -> Sequence[Change]:
         """Send what has been told, wait until `time_ns` is due, and return what to change then."""
@@ -153,26 +157,25 @@ class Live:
         self.stop()
 
     def stop(self) -> None:
-        """Part with all viewers; again, it does nothing."""
-        self._server.stop()
+        """Part with all viewers; again, it does nothing.
 
-    @property
-    def _told(self) -> Feed:
-        assert self._feed is not None  # `open` comes first
-        return self._feed
+        The server's own `stop` waits for who does not read: it is not waited for.
+        """
+        if not self._is_stopped:
+            self._is_stopped = True
+            last = Thread(target=self._server.stop, daemon=True)
+            last.start()
+            last.join(LEAVING_S)
 
-    def _add_channel(self, topic: Topic) -> int:
+    def _channel(self, topic: Topic) -> foxglove.Channel:
         schema = foxglove.Schema(name=topic.message, encoding="protobuf", data=topic.descriptors)
-        self._channels.append(
-            foxglove.Channel(
-                topic.name,
-                message_encoding="protobuf",
-                schema=schema,
-                metadata=dict(topic.metadata),
-                context=self._context,
-            )
+        return foxglove.Channel(
+            topic.name,
+            message_encoding="protobuf",
+            schema=schema,
+            metadata=dict(topic.metadata),
+            context=self._context,
         )
-        return len(self._channels) - 1
 
     def _send(self) -> None:
         """Send what was told since the last time: all of it of one instant."""
@@ -180,19 +183,20 @@ class Live:
         if now > self._clock_at + CLOCK_S:
             self._server.broadcast_time(EPOCH_NS + self._time_ns)
             self._clock_at = now
-        batches, refusals = self._told.take()
+        batches, refusals = self._feed.take()
         for number, times, records in batches:
             channel = self._channels[number]
             for log_time, record in zip(times, records, strict=True):
-                self._last[number] = message = record[HEAD:]
+                message = record[HEAD:]
+                self._last[number] = now, message
                 channel.log(message, log_time=log_time)
         for refusal in refusals:
             self._server.publish_status(f"{refusal}", StatusLevel.Error)
 
     def _greet(self) -> None:
-        """Send the last message of each topic that somebody has begun to watch.
+        """Send the last message of each topic that somebody has begun to watch since.
 
-        The server tells of a subscription before it heeds it; it heeds all of one request at once.
+        The server tells of a subscription before it heeds it, of all that are asked for at once.
         """
         subscribed = self._desk.subscribed
         while not subscribed.empty():
@@ -203,9 +207,10 @@ class Live:
             self._server.broadcast_time(EPOCH_NS + self._time_ns)
             self._tell_playback()
             for number in sorted(self._joined & self._last.keys()):
-                channel = self._channels[number]
-                if channel.topic() not in (EVENTS, LOG):  # what happened does not happen again
-                    channel.log(self._last[number], log_time=EPOCH_NS + self._time_ns)
+                channel, (sent_at, message) = self._channels[number], self._last[number]
+                is_state = channel.topic() not in (EVENTS, LOG)  # others do not happen again
+                if is_state and sent_at < self._joined_at + JOINING_S / 2:
+                    channel.log(message, log_time=EPOCH_NS + self._time_ns)
             self._joined.clear()
 
     def _grant(self, wish: Wish) -> list[Change]:

@@ -1,6 +1,7 @@
 """What a run tells, sorted into the topics of a recording: for a file, or for who watches live."""
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from orchestrator.assembly.system import System
@@ -10,7 +11,7 @@ from orchestrator.recording.chunks import Batch
 from orchestrator.recording.provenance import EPOCH_NS
 from orchestrator.recording.scene import Stage
 from orchestrator.recording.streams import Row, Stream, instant
-from orchestrator.recording.topics import Topic, topics
+from orchestrator.recording.topics import topics
 
 Source = tuple[str, str]  # listener call and component; none where it is for all
 
@@ -20,32 +21,33 @@ class Feed:
 
     Parameters
     ----------
-    add_channel
-        Called with every topic, in order, so that a silent one is known too; returns its channel.
     wall_clock
         Whether to keep what was measured in wall-clock time. The scenario can switch it off too.
+
+    Attributes
+    ----------
+    topics : list of Topic
+        In order; those that nothing is ever told of too.
+    untimed : set of str
+        Components whose overruns are not kept.
 
     Raises
     ------
     ValueError
-        If a scene role names nothing to draw; no channel has been added then.
+        If a scene role names nothing to draw.
     """
 
-    def __init__(
-        self, system: System, add_channel: Callable[[Topic], int], *, wall_clock: bool
-    ) -> None:
+    def __init__(self, system: System, *, wall_clock: bool) -> None:
         spec = system.scenario.recording
         self.has_wall_clock = wall_clock and spec.wall_clock
-        self.untimed: set[str] = set()  # components whose overruns are not kept
+        self.untimed: set[str] = set()
         if not self.has_wall_clock:  # an overrun that steers the flight is kept all the same
             components = system.scenario.components
             self.untimed = {each.name for each in components if each.on_overrun == "log"}
-        planned = chosen(topics(system, wall_clock=self.has_wall_clock), spec)
+        self.topics = chosen(topics(system, wall_clock=self.has_wall_clock), spec)
         self._stage = Stage(system)
-        self._streams = [
-            ((topic.call, topic.component), Stream(add_channel(topic), topic)) for topic in planned
-        ]
-        self._rows: dict[Source, list[Row]] = {source: [] for source, _ in self._streams}
+        self._streams: list[tuple[Source, Stream]] = []
+        self._rows: dict[Source, list[Row]] = {}
         self._parameters: dict[str, dict[str, Value]] = {}  # all current values by component
         self._steps: dict[str, float] = {}  # measured durations at self._steps_ns, by component
         self._steps_ns = -1
@@ -53,8 +55,18 @@ class Feed:
         self._time_ns = -1
         self._instant = b""
 
+    def start(self, channels: Iterable[int]) -> None:
+        """Begin to keep what is told, for the channels of the topics."""
+        for channel, topic in zip(channels, self.topics, strict=True):
+            source = topic.call, topic.component
+            self._streams.append((source, Stream(channel, topic)))
+            self._rows[source] = []
+
     def outputs(self, time_ns: int, component: str, values: Mapping[str, Value]) -> None:
-        """Keep a component's outputs, and what is drawn of them."""
+        """Keep a component's outputs, and what is drawn of them.
+
+        Wholly discrete groups become records where they changed.
+        """
         self._keep(time_ns, ("outputs", component), values)
         for topic, drawn in self._stage.outputs(time_ns, component, values):
             self._keep(time_ns, ("scene", topic), drawn)
@@ -74,6 +86,8 @@ class Feed:
         if kind != "overrun" or component not in self.untimed:
             values = {"kind": kind, "component": component, "message": message}
             self._keep(time_ns, ("event", ""), values)
+            level = logging.INFO if kind in ("set", "end") else logging.WARNING
+            self.log(time_ns, level, component, f"{kind}: {message}")  # for viewers
 
     def log(self, time_ns: int, level: int, name: str, message: str) -> None:
         """Keep a line of text; levels of `logging` are ten times those of `foxglove.Log`."""
@@ -98,13 +112,14 @@ class Feed:
                 if records:
                     batches.append((stream.channel, times, records))
                 refusals += [] if refusal is None else [refusal]
-        self.clear()
-        return batches, refusals
-
-    def clear(self) -> None:
-        """Forget what was kept."""
         for rows in self._rows.values():
             rows.clear()
+        return batches, refusals
+
+    def stop(self) -> None:
+        """Forget what was kept, and keep nothing more."""
+        self._streams.clear()
+        self._rows.clear()
 
     def _keep(self, time_ns: int, source: Source, values: Mapping[str, Any]) -> None:
         """Keep values until they are taken: nobody changes them."""

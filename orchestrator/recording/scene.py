@@ -7,7 +7,7 @@ written once. Everything is in the frame `map` but the craft, which is in `heli`
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from operator import itemgetter
 from typing import Any, Literal
 
@@ -34,7 +34,7 @@ from orchestrator.recording.scene_terrain import (
 )
 from orchestrator.recording.wire import Layout, Values, timestamp
 
-KNOT_NS = 500_000_000  # between points of the trail
+KNOT_NS = 1_000_000_000  # between points of the trail
 NONE = np.arange(0)
 
 
@@ -50,7 +50,7 @@ class Part:
     reads
         Roles that it needs; it is drawn at publishings of the first.
     when
-        At which of them: all, the first, those that bring cells, or every 0.5 s.
+        At which of them: all, the first, those that bring cells, or once a second.
     """
 
     topic: str
@@ -59,6 +59,11 @@ class Part:
     reads: tuple[str, ...]
     when: Literal["always", "once", "fresh", "knot"] = "always"
     units: Mapping[str, str] = field(default_factory=dict[str, str])  # of fields
+
+    @cached_property
+    def needs(self) -> frozenset[str]:
+        """The same roles, unordered."""
+        return frozenset(self.reads)
 
 
 def parts(system: System) -> list[Part]:
@@ -133,22 +138,30 @@ class Stage:
         newest = self._newest
         for role in roles:
             newest[role] = values
-        due = {"always", "once"}
-        if "pose" in roles and self._knot(time_ns, values):
-            due.add("knot")
-        if "scan" in roles and self._fresh is not None:
-            newest["fresh"] = self._fresh(values)
-            if newest["fresh"].size:
-                due.add("fresh")
-        heard = self._parts.get(component, [])
-        drawn = [p for p in heard if p.when in due and all(map(newest.__contains__, p.reads))]
+        is_knot = "pose" in roles and self._knot(time_ns, values)
+        is_fresh = "scan" in roles and self._look(values)
+        drawn = [
+            part
+            for part in self._parts.get(component, ())
+            if (part.when != "knot" or is_knot)
+            and (part.when != "fresh" or is_fresh)
+            and newest.keys() >= part.needs
+        ]
         if not drawn:
             return []
-        if any(part.when == "once" for part in drawn):
-            self._parts[component] = [p for p in heard if p.when != "once" or p not in drawn]
+        if drawn[0].when == "once":  # these are the first of all parts
+            done = [part for part in drawn if part.when == "once"]
+            self._parts[component] = [p for p in self._parts[component] if p not in done]
         stamp = timestamp(EPOCH_NS + time_ns)
         moment = {**newest, "time_ns": time_ns, "stamp": stamp, "trail": self._trail}
         return [(part.topic, moment) for part in drawn]
+
+    def _look(self, values: Mapping[str, Value]) -> bool:
+        """Tell whether a sensor has brought cells, and keep which."""
+        if self._fresh is None:
+            return False
+        self._newest["fresh"] = fresh = self._fresh(values)
+        return fresh.size > 0
 
     def _knot(self, time_ns: int, values: Mapping[str, Value]) -> bool:
         """Add a point to the trail, if one is due."""

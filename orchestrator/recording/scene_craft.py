@@ -89,19 +89,19 @@ def _body() -> list[Solid]:
     """Return the fuselage with its dark nose, and the mast."""
     stations = np.array([
         # x, half width, half height, middle
-        [0.80, 0.01, 0.01, -0.12],
-        [0.77, 0.09, 0.08, -0.12],
-        [0.68, 0.15, 0.15, -0.09],
-        [0.50, 0.20, 0.22, -0.04],
-        [0.30, 0.23, 0.27, 0.01],
-        [0.00, 0.25, 0.31, 0.04],
-        [-0.28, 0.23, 0.29, 0.06],
-        [-0.50, 0.16, 0.20, 0.11],
-        [-0.66, 0.07, 0.09, 0.16],
+        [0.98, 0.01, 0.01, -0.12],
+        [0.95, 0.07, 0.06, -0.12],
+        [0.84, 0.13, 0.12, -0.10],
+        [0.62, 0.18, 0.19, -0.05],
+        [0.36, 0.20, 0.24, 0.00],
+        [0.00, 0.21, 0.27, 0.03],
+        [-0.30, 0.20, 0.25, 0.06],
+        [-0.54, 0.14, 0.18, 0.10],
+        [-0.72, 0.07, 0.09, 0.15],
     ])  # fmt: skip
     hull = _loft(stations, WHITE)
     x, _, z = hull.points.T
-    hull.rgb[(x > 0.35) & (z > -0.08)] = DARK
+    hull.rgb[(x > 0.5) & (z > -0.06)] = DARK
     hull.rgb[z < -0.17] = RED
     mast = _tube([(0, 0, 0.3), (0, 0, 0.6)], 0.035, METAL)
     hub = _tube([(0, 0, 0.58), (0, 0, 0.66)], 0.07, METAL)
@@ -193,5 +193,5 @@ def _lit(solid: Solid) -> Floats:
     for k in range(3):
         np.add.at(normals, solid.corners[:, k], faces)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-    light = 0.68 + 0.32 * (normals @ np.array([0.3, 0.3, 0.906]))
+    light = 0.78 + 0.30 * (normals @ np.array([0.3, 0.3, 0.906]))
     return np.round(255 * np.clip(solid.rgb * light[:, None], 0.0, 1.0)) / 256

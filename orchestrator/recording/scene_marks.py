@@ -35,20 +35,23 @@ from orchestrator.recording.wire import (
     tag,
 )
 
-PLAN: Color = (0.98, 0.66, 0.15, 1.0)
-REFERENCE: Color = (1.0, 1.0, 1.0, 0.9)
-TRACK: Color = (0.10, 0.45, 0.95, 1.0)
+Look = tuple[Color, float]  # and thickness in pixels
+
+PLAN: Look = (0.98, 0.62, 0.10, 1.0), 4.0
+REFERENCE: Look = (1.0, 1.0, 1.0, 0.9), 2.0
+TRACK: Look = (0.10, 0.45, 0.95, 1.0), 3.0
 STICK: Color = (0.95, 0.95, 0.95, 0.9)
 SHADOW: Color = (0.05, 0.05, 0.08, 0.45)
 WIND: Color = (0.35, 0.85, 0.95, 0.9)
-SHADOW_SIZE = xyz(1.8, 1.8, 0.06)
+SHADOW_SIZE = xyz(1.4, 1.4, 0.04)
 ARROW_SHAPE = b"".join(tag(k, FIXED64) + pack("<d", m) for k, m in ((3, 0.25), (4, 0.9), (5, 0.7)))
 SEEN, HIDDEN = packed_color(64, 224, 208), packed_color(168, 92, 196)
 
 Ned = tuple[Floats, Floats, Floats] | Floats
-AHEAD, TRAIL = 60, 120  # points of a line ahead, and behind
+AHEAD, TRAIL = 40, 60  # points of a line ahead, and behind
 EXACT = 64  # of drawn coordinates in 1/m: short in binary, hence small when compressed
 LIFT = 0.4  # m, of sensed cells: else the ground hides half of each
+HOVER = 0.25  # m, of the shadow above the ground, which may slope
 ABOVE = 3.0  # m, of the wind's arrow above the craft
 
 
@@ -58,7 +61,7 @@ def paths(plan: Filled | None, reference: Filled | None, position: Filled | None
     Each has a fixed number of points, since that is cheap: some of a path, the first of a short
     trail several times.
     """
-    ways: list[tuple[str, Color, int, Callable[[Values], Ned]]] = []
+    ways: list[tuple[str, Look, int, Callable[[Values], Ned]]] = []
     if reference is not None:
         ways.append(("reference", REFERENCE, AHEAD, _ahead("reference", reference, -1.0)))
     if plan is not None:
@@ -69,8 +72,8 @@ def paths(plan: Filled | None, reference: Filled | None, position: Filled | None
     size = row_size(nested(5, *VECTOR))
     pieces = [
         piece
-        for name, rgba, count, _ in ways
-        for piece in entity(MAP, name, *line((f"{size * count}s",), 3.0, rgba))
+        for name, (rgba, pixels), count, _ in ways
+        for piece in entity(MAP, name, *line((f"{size * count}s",), pixels, rgba))
     ]
     ends = [size * end for end in accumulate((count for _, _, count, _ in ways), initial=0)]
 
@@ -116,8 +119,8 @@ def marks(position: Filled, clearance: Filled | None, wind: Filled | None) -> La
         x, y, z = ned_to_enu(*find(values["pose"]))
         found: list[Any] = []
         if height is not None:
-            foot = x, y, z - values["clearance"][height]
-            found += [stamp, x, y, z, *foot, *foot]
+            ground = z - values["clearance"][height]
+            found += [stamp, x, y, z, x, y, ground, x, y, ground + HOVER]
         if air is not None:
             found += [stamp, x, y, z + ABOVE, *_arrow(*ned_to_enu(*air(values["wind"])))]
         return found

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from orchestrator.recording.frames import MAP
 from orchestrator.recording.scene_primitives import (
@@ -27,7 +28,7 @@ EXACT = 32  # of coordinates in 1/m: short in binary, hence small when compresse
 NET = 100.0  # m, between the lines on the ground
 ABOVE = 0.25  # m, of these lines: in the ground they would come and go
 BAND = 10.0  # m, of height in one tone
-INK: Color = (0.22, 0.26, 0.20, 0.35)
+INK: Color = (0.38, 0.42, 0.31, 0.5)
 
 # low to high: valley, meadow, dry grass, rock, pale rock; red, green, blue
 TINTS = np.array(
@@ -200,7 +201,7 @@ def _shaded(x: Floats, y: Floats, z: Floats, near: Floats) -> Floats:
     if min(z.shape) < 2:
         return np.broadcast_to(TINTS[1], (*z.shape, 3))
     low, high = np.nanpercentile(near if np.isfinite(near).any() else z, [2.0, 98.0])
-    band = 1.0 + 0.03 * np.where(np.floor(z / BAND) % 2.0 < 1.0, 1.0, -1.0)
+    band = 1.0 + 0.04 * np.where(np.floor(z / BAND) % 2.0 < 1.0, 1.0, -1.0)
     rank = np.clip((z - low) / max(high - low, 30.0), 0.0, 1.0) * (len(TINTS) - 1)
     tint = np.stack([np.interp(rank, range(len(TINTS)), band) for band in TINTS.T], axis=-1)
     up, right = np.gradient(z, y, x)
@@ -208,7 +209,7 @@ def _shaded(x: Floats, y: Floats, z: Floats, near: Floats) -> Floats:
     light = np.array([-0.542, 0.542, 0.643])  # x, y, z
     normal = np.stack([-steep * right, -steep * up, np.ones_like(z)], axis=-1)
     shade = np.clip(normal @ light / np.linalg.norm(normal, axis=-1), 0.0, 1.0) / light[2]
-    return np.round(255 * np.clip(tint * (band * (0.35 + 0.65 * shade))[..., None], 0.0, 1.0)) / 256
+    return np.round(255 * np.clip(tint * (band * (0.45 + 0.55 * shade))[..., None], 0.0, 1.0)) / 256
 
 
 def _vertices(mesh: Mesh) -> tuple[Floats, Floats]:

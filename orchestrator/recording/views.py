@@ -28,7 +28,7 @@ from orchestrator.recording.wire import (
 # foxglove.Vector3, Point3 and Quaternion: doubles in the fields 1 to 3 or 4
 VECTOR = (b"\x09", "d", b"\x11", "d", b"\x19", "d")
 QUATERNION = (*VECTOR, b"\x21", "d")
-MAX_POSES = 60  # of a path
+MAX_POSES = 40  # of a path
 UPRIGHT = packer(QUATERNION)([(0.0, 0.0, 0.0, 1.0)])
 
 

@@ -9,28 +9,25 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-from orchestrator.recording.frames import MAP
-from orchestrator.viewing.plots import Contents, Field, Plot, flight_plots, states, update_plots
+from orchestrator.viewing.plots import Contents, Field, Plot, pages, states
 
-CRAFT = "/scene/craft/fuselage"
+CHASE = "chase"  # a frame that goes along and turns, but does not tilt: x ahead, y left, z up
 COLORS = (0x3B82F6FF, 0xF59E0BFF, 0x14B8A6FF, 0xB05CFFFF, 0xE5484DFF, 0xA1A1AAFF)
 FAINT = 0x8B8D98FF
-EYE = (-26.0, -14.0, 9.0)  # m from the craft, east, north and up
+EYE, AHEAD = (-9.0, 9.0, 3.4), (3.0, 0.0, -2.6)  # m, in that frame
 HIDDEN = ("/scene/terrain_points", "/scene/pose", "/scene/plan")  # drawn better by others
 
 
-def blueprint(contents: Contents, position: tuple[float, float, float]) -> rrb.Blueprint:
-    """Return the blueprint of a recording whose craft starts at a position in m, ENU."""
-    pages = {"flight": flight_plots(contents), "updates": update_plots(contents)}
+def blueprint(contents: Contents) -> rrb.Blueprint:
+    """Return the blueprint of a recording."""
+    tabs = [
+        rrb.Vertical(*(_series(plot) for plot in plots), name=name)
+        for name, plots in pages(contents).items()
+    ]
     below: list[Any] = [rrb.TextLogView(origin="/log", name="log")]
     if states(contents):
         below.insert(0, rrb.StateTimelineView(origin="/states", name="states"))
-    left = rrb.Vertical(_scene(position), rrb.Horizontal(*below), row_shares=[4, 1])
-    tabs = [
-        rrb.Vertical(*(_series(plot) for plot in plots), name=name)
-        for name, plots in pages.items()
-        if plots
-    ]
+    left = rrb.Vertical(_scene(), rrb.Horizontal(*below), row_shares=[7, 2])
     whole = rrb.Horizontal(left, rrb.Tabs(*tabs), column_shares=[3, 2]) if tabs else left
     time = rrb.TimePanel(timeline="message_log_time", state="collapsed")
     return rrb.Blueprint(
@@ -48,20 +45,16 @@ def state_path(field: Field) -> str:
     return rr.new_entity_path(["states", field.label])
 
 
-def _scene(position: tuple[float, float, float]) -> rrb.Spatial3DView:
-    x, y, z = position
+def _scene() -> rrb.Spatial3DView:
     eye = rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=(x + EYE[0], y + EYE[1], z + EYE[2]),
-        look_target=position,
-        tracking_entity=CRAFT,
+        kind=rrb.Eye3DKind.Orbital, position=EYE, look_target=AHEAD, eye_up=(0.0, 0.0, 1.0)
     )
     hidden = [f"- {topic}/**" for topic in HIDDEN]
     return rrb.Spatial3DView(
-        name="flight",
+        name="scene",
         origin="/",
-        contents=["+ /scene/**", "+ /tf", *hidden],
-        spatial_information=rrb.SpatialInformation(target_frame=MAP),
+        contents=["+ /scene/**", "+ /tf", "+ /chase", *hidden],
+        spatial_information=rrb.SpatialInformation(target_frame=CHASE),
         eye_controls=eye,
         background=rrb.Background(color=(176, 205, 235)),
         line_grid=False,
@@ -79,7 +72,7 @@ def _series(plot: Plot) -> rrb.TimeSeriesView:
         origin="/",
         contents=[*overrides, *lines],
         overrides=overrides,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
     )
 
 

@@ -29,13 +29,14 @@ def _shapes(entity: Any) -> Iterator[tuple[str, Any]]:
                 vertex_colors=_colors(t.colors),
             ),
         )
-    for line in entity.lines:
-        radius = 0.5 * line.thickness
-        radii = rr.Radius.ui_points(radius) if line.scale_invariant else radius
-        yield (
-            "line",
-            rr.LineStrips3D([_points(line.points)], radii=radii, colors=_colors([line.color])),
+    if entity.lines:
+        radii = [(-0.5 if line.scale_invariant else 0.5) * line.thickness for line in entity.lines]
+        strips = rr.LineStrips3D(
+            [_points(line.points) for line in entity.lines],
+            radii=radii,  # negative: on the screen
+            colors=_colors([line.color for line in entity.lines]),
         )
+        yield "lines", strips
     if entity.cubes:
         yield (
             "boxes",

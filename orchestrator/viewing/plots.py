@@ -84,19 +84,34 @@ def planned(system: System, topics: Iterable[Topic]) -> Contents:
     return Contents(listed, described, system.scenario.scene, constant)
 
 
-def flight_plots(contents: Contents) -> list[Plot]:
-    """Return how the craft flies: height, altitude, speed, heading, controls."""
+def pages(contents: Contents) -> dict[str, list[Plot]]:
+    """Return all plots by page; a page without plots is left out."""
+    found = {
+        "flight": _flight(contents),
+        "controls": _controls(contents),
+        "updates": _updates(contents),
+    }
+    shown = {page: [plot for plot in plots if plot.fields] for page, plots in found.items()}
+    return {page: plots for page, plots in shown.items() if plots}
+
+
+def _flight(contents: Contents) -> list[Plot]:
+    """Return height, altitude, speed and heading."""
     made = [_height(contents)]
     for name in ("altitude", "speed", "heading"):
         known = [name, f"reference_{name}", *(["ground"] if name == "altitude" else [])]
         made.append(_of_topic(contents, PROFILE, name, known))
-    controls = contents.scene.get("controls", "")
-    actuators = [s for s in contents.signals.values() if s.name.startswith(f"{controls}.")]
-    made += _by_unit("controls", actuators if controls else [], contents)
-    return [plot for plot in made if plot.fields]
+    return made
 
 
-def update_plots(contents: Contents) -> list[Plot]:
+def _controls(contents: Contents) -> list[Plot]:
+    """Return the actuators with their limits."""
+    group = contents.scene.get("controls")
+    found = [s for s in contents.signals.values() if group and s.name.startswith(f"{group}.")]
+    return _by_unit("controls", found, contents)
+
+
+def _updates(contents: Contents) -> list[Plot]:
     """Return how the planning component fares: its numbers by topic and unit, measured times."""
     planner = contents.scene.get("plan", "").partition(".")[0]
     numbers: dict[str, list[Signal]] = {}
@@ -113,7 +128,7 @@ def update_plots(contents: Contents) -> list[Plot]:
     if WALL_CLOCK in contents.topics:
         known = [key[5:] for key in contents.topics[WALL_CLOCK].metadata if key[:5] == "unit."]
         made.append(_of_topic(contents, WALL_CLOCK, "measured time of a step", known))
-    return [plot for plot in made if plot.fields]
+    return made
 
 
 def states(contents: Contents) -> list[Field]:
