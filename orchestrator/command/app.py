@@ -190,12 +190,14 @@ def _with_recording(figures: Mapping[str, Any], recording: Path | None) -> dict[
 
 def _built(scenario: Path, overrides: list[str] | None) -> "System":
     from orchestrator.assembly.build import build
+    from orchestrator.assembly.discovery import FILES
     from orchestrator.command.terminal import announce
     from orchestrator.scenario.load import load
 
     loaded = load(scenario, overrides or ())
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hedgehop"
-    if not any(cache.glob("*/**/*.nbi")):
+    uses = (spec.use for spec in (*loaded.resources, *loaded.components))
+    if any(Path(use).suffix not in FILES for use in uses) and not any(cache.glob("*/**/*.nbi")):
         print("compiling flight kernels (first time only) ...", file=sys.stderr)
     return build(loaded, announce)
 
