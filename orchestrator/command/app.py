@@ -197,7 +197,7 @@ def _built(scenario: Path, overrides: list[str] | None) -> "System":
     loaded = load(scenario, overrides or ())
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hedgehop"
     uses = (spec.use for spec in (*loaded.resources, *loaded.components))
-    if any(Path(use).suffix not in FILES for use in uses) and not any(cache.glob("*/**/*.nbi")):
+    if any(Path(use).suffix[1:] not in FILES for use in uses) and not any(cache.glob("*/**/*.nbi")):
         print("compiling flight kernels (first time only) ...", file=sys.stderr)
     return build(loaded, announce)
 
