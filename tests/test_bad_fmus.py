@@ -105,3 +105,13 @@ def test_inspect_refuses_it_too(fmu, tmp_path, capfd):
     error = capfd.readouterr().err
     assert len(complaints(error)) == 1
     assert "broken_xml.fmu" in error
+
+
+def test_checking_what_cannot_be_made_is_one_line(tmp_path, capfd):
+    """`hedgehop check` has no table for it: one line and exit code 2, as everywhere."""
+    (tmp_path / "broken.fmu").write_bytes(b"PK\3\4 no more than this")
+    assert status(["check", str(tmp_path / "broken.fmu")]) == 2
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert len(complaints(printed.err)) == 1
+    assert "not an intact zip archive" in printed.err

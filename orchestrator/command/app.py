@@ -292,6 +292,9 @@ def check(use: str, /, *, scenario: Path | None = None, timeout_s: float = 60.0)
         factory, arguments, where = example(use, scenario)
         name = f"{factory.__module__}:{factory.__qualname__}"
         clauses = check_component(name, arguments, timeout_s=timeout_s)
+        reasons = {clause.detail if clause.verdict == "failed" else "" for clause in clauses}
+        if len(reasons) == 1 and (reason := reasons.pop()):  # there is nothing to check
+            raise ValueError(reason.removeprefix("ValueError: "))
     print_table(f"{use}, made with {where}", clauses_table(clauses))
     return int(any(clause.verdict == "failed" for clause in clauses))
 
