@@ -15,6 +15,7 @@ from typing import Any, cast
 
 from orchestrator.assembly.build import build
 from orchestrator.assembly.description import Port
+from orchestrator.assembly.discovery import find_file
 from orchestrator.assembly.system import Link, System
 from orchestrator.assembly.units import Unit, conversion
 from orchestrator.exchange import ssd
@@ -26,11 +27,10 @@ from orchestrator.exchange.structure import (
     Structure,
     Type,
 )
-from orchestrator.scenario.load import load
+from orchestrator.scenario.load import installed, load
 from orchestrator.scenario.records import ComponentSpec, Scenario
 from orchestrator.scenario.yaml_source import dump
 
-EPOCH = (1980, 1, 1, 0, 0, 0)  # the first that a zip archive can say
 TYPES: dict[str, Type] = {
     "float": "Real",
     "integer": "Integer",
@@ -53,6 +53,7 @@ def export_ssp(path: Path, out: Path, overrides: Sequence[str] = ()) -> list[str
         If a component cannot be exported, or is an FMU of FMI 3.
     """
     from orchestrator.export.export import choose, export
+    from orchestrator.export.package import archived
 
     scenario = load(path, overrides)
     system = build(scenario)
@@ -69,11 +70,7 @@ def export_ssp(path: Path, out: Path, overrides: Sequence[str] = ()) -> list[str
         for instance in system.instances.values():
             instance.terminate()
     members |= ssd.write(structure_of(system))
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in sorted(members.items()):
-            information = zipfile.ZipInfo(name, EPOCH)
-            information.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(information, data)
+    archived(out, members)
     return list(_warnings(system))
 
 
@@ -189,7 +186,9 @@ def _fmu(spec: ComponentSpec, scenario: Scenario) -> Path | None:
         return None
     from fmpy import read_model_description
 
-    file = next(f for f in (scenario.folder / spec.use, Path(spec.use)) if f.is_file())
+    found = find_file(spec.use, (scenario.folder, Path(), installed()))
+    assert found is not None  # it was built
+    file = found[1]
     version = str(read_model_description(str(file), validate=False).fmiVersion)
     if not version.startswith("2"):
         raise ValueError(f"component {spec.name!r}: is FMI {version}, expected FMI 2, as SSP 1.0")

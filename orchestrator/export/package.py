@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -101,23 +101,28 @@ def package(
     members |= {f"sources/{name}": text.encode() for name, text in sources.items()}
     if fmi == 3:
         members["sources/buildDescription.xml"] = _build_description(identifier, units)
+    archived(out, members, _validate)
+
+
+def archived(
+    out: Path, members: Mapping[str, bytes], accept: Callable[[Path], None] = lambda _: None
+) -> None:
+    """Write a zip archive, whole or not at all; equal members give equal bytes.
+
+    ``accept`` raises for an archive that is not to be kept.
+    """
     partial = out.with_name(out.name + ".part")
     try:
-        _archive(partial, members)
-        _validate(partial)
+        with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, part in sorted(members.items()):
+                information = zipfile.ZipInfo(name, EPOCH)
+                information.compress_type = zipfile.ZIP_DEFLATED
+                information.external_attr = 0o644 << 16
+                archive.writestr(information, part)
+        accept(partial)
         partial.replace(out)
     finally:
         partial.unlink(missing_ok=True)
-
-
-def _archive(file: Path, members: Mapping[str, bytes]) -> None:
-    """Write a zip archive without times."""
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, part in sorted(members.items()):
-            information = zipfile.ZipInfo(name, EPOCH)
-            information.compress_type = zipfile.ZIP_DEFLATED
-            information.external_attr = 0o644 << 16
-            archive.writestr(information, part)
 
 
 def _validate(file: Path) -> None:

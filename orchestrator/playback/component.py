@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
+from orchestrator.assembly.clock import SECOND
 from orchestrator.component import Status, Value
 from orchestrator.errors import nearest
 from orchestrator.playback.description import describe
@@ -15,8 +16,6 @@ from orchestrator.recording.reader import Recording
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription
-
-SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
