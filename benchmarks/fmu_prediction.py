@@ -40,7 +40,7 @@ def fly(basis, number, model):
         *([] if model is None else [f"resources.model={model}"]),
     ]
     system = build(load(SCENARIO, overrides))
-    step, spent = controller.mpc.BasisMpc.step, []
+    step, spent = controller.mpc.Mpc.step, []
 
     def timed(*arguments):
         begin = process_time(), perf_counter()
@@ -48,11 +48,11 @@ def fly(basis, number, model):
         spent.append((process_time() - begin[0], perf_counter() - begin[1]))
         return status
 
-    controller.mpc.BasisMpc.step = timed
+    controller.mpc.Mpc.step = timed
     try:
         result = simulate(system)
     finally:
-        controller.mpc.BasisMpc.step = step
+        controller.mpc.Mpc.step = step
     assert result.outcome == "flown", result
     return np.array(spent[SETTLE:])
 

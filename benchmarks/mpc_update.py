@@ -39,7 +39,7 @@ PARTS = {
     "QP solution": ((controller.optimise, "solve_with_fallback"),),
     "reference": ((controller.update, "extend"), (controller.update, "project")),
     "pass": ((controller.update, "optimise"),),
-    "update": ((controller.mpc.BasisMpc, "step"),),
+    "update": ((controller.mpc.Mpc, "step"),),
 }
 COLUMNS = (
     "whole update", "identification", "QP assembly", "QP solution", "line search", "reference",

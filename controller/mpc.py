@@ -5,7 +5,7 @@ plan with everything that says how it came about.
 """
 
 import pickle
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -14,25 +14,47 @@ import numpy as np
 
 from controller.course import make_course
 from controller.mpc_variables import NO_PASS, inputs, outputs, published
-from controller.optimise import Design
-from controller.parameters import TUNABLE, MpcParameters, design
+from controller.optimise import Improve
+from controller.parameters import TUNABLE, MpcParameters, basis_planner
 from controller.prediction import PredictionModel
 from controller.terrain_map import empty_map, read_scan
 from controller.update import Memory, Plan, Task, trim_commands, update
 from controller.variables import Execution, model_description, parameter_variables, unknown
 
+Planner = Callable[[MpcParameters, PredictionModel, int], Improve]
 
-class BasisMpc:
-    """Control-basis-function MPC (sampled, 2 Hz).
+
+def BasisMpc(
+    parameters: MpcParameters, *, prediction_model: PredictionModel, latency_s: float = 0.0
+) -> "Mpc":
+    """Return model predictive control with control basis functions, the paper's.
+
+    The response S is identified from ``prediction_model``; errors and the rest as of :class:`Mpc`.
+    """
+    return Mpc(
+        parameters,
+        prediction_model=prediction_model,
+        planner=basis_planner,
+        latency_s=latency_s,
+        name="BasisMpc",
+        meaning="model predictive control with control basis functions",
+    )
+
+
+class Mpc:
+    """A planner that is run again and again over a receding horizon (sampled, 2 Hz).
 
     Parameters
     ----------
     parameters : MpcParameters
     prediction_model : PredictionModel
-        What the response S is identified from.
+    planner : callable
+        Returns, for the parameters, the model and a horizon of H samples, how a plan is improved.
     latency_s : float
         From measurement to the plan's effect; compensated by predicting with the samples that are
         committed by then.
+    name, meaning : str
+        For the description.
 
     Raises
     ------
@@ -48,9 +70,13 @@ class BasisMpc:
         parameters: MpcParameters,
         *,
         prediction_model: PredictionModel,
+        planner: Planner,
         latency_s: float = 0.0,
+        name: str = "Mpc",
+        meaning: str = "model predictive control",
     ) -> None:
         self._parameters = parameters
+        self._name, self._meaning = name, meaning
         self._period = prediction_model.sample_period
         self._late = round(latency_s / self._period)
         longest = round(parameters.horizon_s / self._period)
@@ -61,12 +87,12 @@ class BasisMpc:
             )
 
         @cache
-        def design_for(horizon: int) -> Design:
-            return design(parameters, prediction_model, horizon)
+        def planner_for(horizon: int) -> Improve:
+            return planner(parameters, prediction_model, horizon)
 
-        design_for(longest)
+        planner_for(longest)
         course = make_course(parameters.waypoints_m, parameters.speed_mps)
-        self._task = Task(prediction_model, course, design_for)
+        self._task = Task(prediction_model, course, planner_for)
         self._inputs: dict[str, Any] = {
             row.name: np.full(row.shape, row.start) if row.shape else row.start
             for row in inputs(parameters, self._task)
@@ -81,8 +107,7 @@ class BasisMpc:
             *outputs(self._parameters, self._task),
             *parameter_variables(self._parameters, TUNABLE),
         ]
-        meaning = "model predictive control with control basis functions"
-        return model_description("BasisMpc", meaning, rows, has_state=True)
+        return model_description(self._name, self._meaning, rows, has_state=True)
 
     def initialize(
         self, *, start_time: float, stop_time: float | None = None, seed: int = 0

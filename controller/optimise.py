@@ -5,6 +5,7 @@ Everything here is a pure function of the state, the nominal command and the ref
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,14 @@ class Pass:
     slack: float
     valid: bool
     solution: Solution | None
+
+
+class Improve(Protocol):
+    """What turns a nominal command into a better one: a planner, ready for one horizon."""
+
+    def __call__(self, state: Floats, u0: Floats, bias: Floats, aim: Aim, /) -> Pass:
+        """Return the plan from a state (n,) that improves on ``u0`` (H, 4); see :func:`optimise`."""
+        ...
 
 
 def quadratic_programme(

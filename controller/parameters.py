@@ -1,13 +1,14 @@
 """The parameters of the control-basis-function MPC, and the design that follows from them."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 
 from controller.bases import span_basis
-from controller.optimise import Design
+from controller.optimise import Design, Improve, optimise
 from controller.prediction import PredictionModel, stack_bases
 from controller.reference import ReferenceParameters
 from controller.tracking import Weights
@@ -144,3 +145,8 @@ def design(p: MpcParameters, model: PredictionModel, horizon: int) -> Design:
         backend=p.solver,
         line_search=p.line_search,
     )
+
+
+def basis_planner(p: MpcParameters, model: PredictionModel, horizon: int) -> Improve:
+    """Return the pass of :func:`optimise` with the design of a horizon of H samples."""
+    return partial(optimise, design(p, model, horizon))

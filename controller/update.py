@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.course import Course
-from controller.optimise import VELOCITY, Aim, Design, Pass, optimise
+from controller.optimise import VELOCITY, Aim, Improve, Pass
 from controller.parameters import MpcParameters, reference_parameters, weights
 from controller.prediction import PredictionModel
 from controller.reference import Reference, extend, project, sample, start
@@ -58,11 +58,11 @@ class Memory:
 
 @dataclass(frozen=True)
 class Task:
-    """What stays the same: model, course, and a design for every horizon."""
+    """What stays the same: model, course, and for every horizon how a plan is improved."""
 
     model: PredictionModel
     course: Course
-    design: Callable[[int], Design]
+    planner: Callable[[int], Improve]
 
     @property
     def attitude_form(self) -> bool:
@@ -240,19 +240,19 @@ def _improve(
     The ladder is deterministic work: full step, shorter step, the old plan's tail, and trim where
     not even that flies.
     """
-    plan, design = memory.plan, task.design(H)
+    plan, improve = memory.plan, task.planner(H)
     first = round((effective - plan.start) / task.model.sample_period)
     kept = min(max(plan.horizon - first, 0), H)
     trim = aim.commands.T
     shifted = np.concatenate([plan.commands[first : first + kept], trim[kept:]])
-    best = optimise(design, begin, shifted, memory.bias, aim)
+    best = improve(begin, shifted, memory.bias, aim)
     fallen = not best.valid
     if fallen:
-        best = optimise(design, begin, trim.copy(), memory.bias, aim)
+        best = improve(begin, trim.copy(), memory.bias, aim)
     if plan.sequence == 0:
         for _ in range(p.passes_at_start - 1):
             if best.valid and best.step > 0:
-                best = optimise(design, begin, best.u, memory.bias, aim)
+                best = improve(begin, best.u, memory.bias, aim)
     if best.step > 0:
         return best, 0 if best.step == 1.0 else 1
     return best, 3 if fallen else 2

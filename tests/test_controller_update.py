@@ -1,7 +1,7 @@
 """One update: merit, shift, ladder, bias, latency, horizon; as a pure function of its memory."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from linear_model import LinearModel, aim_at, straight_path
 
 from controller import optimise
 from controller.course import make_course
-from controller.parameters import MpcParameters, design
+from controller.parameters import MpcParameters, basis_planner, design
 from controller.solvers import Solution, Status
 from controller.terrain_map import empty_map
 from controller.terrain_map import update as sense
@@ -30,7 +30,7 @@ def task(form="attitude", parameters=P):
     """Return the task of flying north."""
     model = HelicopterModel(ModelParameters(command=form))
     course = make_course(parameters.waypoints_m, parameters.speed_mps)
-    return Task(model, course, cache(lambda horizon: design(parameters, model, horizon)))
+    return Task(model, course, cache(partial(basis_planner, parameters, model)))
 
 
 def trim(form="attitude"):
