@@ -4,12 +4,12 @@ But for messages and their index: `mcap` writes them number by number, at severa
 encoding the messages.
 """
 
-import zlib
 from collections.abc import Mapping, Sequence
 from io import BufferedWriter
 from struct import pack
 
 import numpy as np
+from isal.isal_zlib import crc32
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -109,7 +109,7 @@ class Container:
             data=compressed,
             message_start_time=min(times[0] for _, times, _ in batches),
             message_end_time=max(times[-1] for _, times, _ in batches),
-            uncompressed_crc=zlib.crc32(data),
+            uncompressed_crc=crc32(data),
             uncompressed_size=len(data),
         )
         records = _bytes(chunk)
@@ -154,7 +154,7 @@ class Container:
             summary += group
         ends = start, start + len(summary)
         summary += offsets
-        crc = zlib.crc32(_bytes(Footer(*ends, 0))[:-4], zlib.crc32(summary))  # all but itself
+        crc = crc32(_bytes(Footer(*ends, 0))[:-4], crc32(summary))  # all but itself
         self._put(summary + _bytes(Footer(*ends, crc)) + MCAP0_MAGIC)
 
     def _statistics(self) -> Statistics:
@@ -174,7 +174,7 @@ class Container:
         """Write and return where, and how much."""
         start = self._stream.tell()
         self._stream.write(data)
-        self._crc = zlib.crc32(data, self._crc)
+        self._crc = crc32(data, self._crc)
         return start, len(data)
 
 

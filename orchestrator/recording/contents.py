@@ -1,11 +1,11 @@
 """What is in an MCAP file, read front to back; and what damage looks like to the library."""
 
 import struct
-import zlib
 from dataclasses import dataclass, field
 from io import BytesIO
 
 import zstandard
+from isal.isal_zlib import crc32
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -131,4 +131,4 @@ def summary_start(data: bytes) -> int | None:
     end = len(data) - 4 - len(MCAP0_MAGIC)  # of what the CRC covers
     start = start or len(data) - _FOOTER.size
     is_whole = (opcode, length, magic) == (Opcode.FOOTER, 20, MCAP0_MAGIC) and start < end
-    return start if is_whole and crc in (0, zlib.crc32(data[start:end])) else None
+    return start if is_whole and crc in (0, crc32(data[start:end])) else None

@@ -7,10 +7,10 @@ a chunk.
 """
 
 import re
-import zlib
 from collections.abc import Iterator
 from struct import unpack_from
 
+from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import Chunk, McapRecord, Message, Statistics
 from mcap.writer import MCAP0_MAGIC
@@ -76,6 +76,6 @@ def _record(data: bytes, opcode: int) -> McapRecord | None:
                 return None
     except (*DAMAGE, StopIteration):
         return None
-    if opcode == Opcode.ATTACHMENT and zlib.crc32(data[HEAD:-4]) != unpack_from("<I", data[-4:])[0]:
+    if opcode == Opcode.ATTACHMENT and crc32(data[HEAD:-4]) != unpack_from("<I", data[-4:])[0]:
         return None
     return record

@@ -1,7 +1,7 @@
 """The messages of one topic, turned into records of an MCAP file many at a time."""
 
 from collections.abc import Callable, Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from operator import is_
 from struct import calcsize, pack
 from typing import Any
@@ -88,21 +88,21 @@ class Stream:
         self, rows: Sequence[Row], watched: Callable[[Values], tuple[Any, ...]]
     ) -> tuple[list[int], list[bytes]]:
         """Return the rows whose message, but for the time, is not that of the row before."""
-        times: list[int] = []
-        records: list[bytes] = []
         last, body = self._seen
+        new: list[Row] = []
         for row in rows:
             values = watched(row[2])
-            if last and all(map(is_, values, last)):
-                continue
-            (record,) = self._encode([row], self._sequence + 1 + len(records))
-            last = values
-            if memoryview(record)[_BODY:] != body:
-                body = memoryview(record)[_BODY:]
-                times.append(row[0])
-                records.append(record)
-        self._seen = last, body
-        return times, records
+            if not (last and all(map(is_, values, last))):
+                new.append(row)
+                last = values
+        records = self._encode(new, self._sequence + 1)
+        bodies = [body, *(memoryview(record)[_BODY:] for record in records)]
+        self._seen = last, bodies[-1]
+        equal = [after == before for before, after in pairwise(bodies)]
+        if any(equal):  # other objects, but the same values
+            new = [row for row, is_equal in zip(new, equal, strict=True) if not is_equal]
+            records = self._encode(new, self._sequence + 1)
+        return [row[0] for row in new], records
 
     def _encode(self, rows: Sequence[Row], sequence: int) -> list[bytes]:
         """Return the records of rows; where a message need not hold all, of all alike at once."""
