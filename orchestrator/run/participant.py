@@ -55,10 +55,11 @@ class Participant:
         )
         self._is_in_service = True  # False for good once a failed component is held
         self._may_read = True  # False while a policy holds the outputs of the last step
-        self._is_finite = finiteness(ports)
         self._outside = outsiders(ports)
+        self._is_usual = _usual(finiteness(ports), self._outside)
         self._report = report
         self._publish = tuple(listener.outputs for listener in report.listeners)
+        self._is_heard = bool(self._publish or end_on)
         self._clocks = tuple(x.wall_clock for x in report.listeners if x.wants_wall_clock)
         self._deadline_s = spec.deadline_s
         self._is_timed = bool(self._clocks) or spec.deadline_s is not None
@@ -76,7 +77,7 @@ class Participant:
             )
         if spec.on_discard == "retry":
             step = retrying(component, step, self._tries)
-        self._step = self._timed(step) if self._is_timed else step
+        self._has_stepped = self._stepper(self._timed(step) if self._is_timed else step)
 
     def initialize(self, inputs: Values, stop_time: float, seed: int) -> None:
         """Initialize with ``inputs`` and take over the first outputs.
@@ -153,28 +154,37 @@ class Participant:
     def publish(self, time_ns: int, values: Values, is_last: bool = True) -> None:
         """Make outputs valid, unless one is not finite; the last of an instant is told."""
         try:
-            wrong = None if self._is_finite(values) else nonfinite(self._ports, values)
-            beyond = () if self._outside is None or wrong else self._outside(values)
+            fault = None if self._is_usual(values) else self._fault(values)
         except Exception as error:  # noqa: BLE001  (other names or types than at the start)
             self._fail(time_ns, error)
             return
-        if wrong is not None:
-            self._policies.found_nonfinite(time_ns, wrong)
-            return
-        if beyond and not self._policies.found_out_of_range(
-            time_ns, [(self._ports[name], values[name]) for name in beyond]
-        ):
+        if fault is not None and not self._is_let_pass(time_ns, *fault):
             return
         self.values = values
         if self._longest_delay >= 0:
             self._remember(time_ns)
-        if is_last:
+        if is_last and self._is_heard:
             for publish in self._publish:
                 publish(time_ns, self.name, values)
             for name in self._end_on:
                 if values[name]:
                     item = self._ports[name].items[cast(int, values[name])]
                     raise Ended(item, f"{at(self.name, time_ns)}: {name!r} is {item!r}")
+
+    def _fault(self, values: Values) -> tuple[str | None, list[tuple[Port, Value]]]:
+        """Return what is not finite, else which outputs are out of range."""
+        wrong = nonfinite(self._ports, values)
+        beyond = () if wrong or self._outside is None else self._outside(values)
+        return wrong, [(self._ports[name], values[name]) for name in beyond]
+
+    def _is_let_pass(
+        self, time_ns: int, wrong: str | None, beyond: list[tuple[Port, Value]]
+    ) -> bool:
+        """Deal with a fault; return whether the outputs count all the same."""
+        if wrong is not None:
+            self._policies.found_nonfinite(time_ns, wrong)
+            return False
+        return not beyond or self._policies.found_out_of_range(time_ns, beyond)
 
     def _reader(
         self, operation: Operation, participants: Mapping[str, "Participant"], *, is_last: bool
@@ -184,39 +194,50 @@ class Participant:
         is_all = len(names) == len(self._outputs)
         through = [link for link in self._links if link.target.name in operation.inputs]
         take = gather(through, participants, self.name, ()) if through else None
+        set_, get, publish = self._set, self._get, self.publish
 
         def read(time_ns: int) -> None:
             if not self._may_read:
                 return
             try:
                 if take is not None:
-                    self._set(take(time_ns))
-                values = self._get(names)
+                    set_(take(time_ns))
+                values = get(names)
             except Exception as error:  # noqa: BLE001
                 self._fail(time_ns, error)
             else:
-                whole = values if is_all else {**self.values, **values}
-                self.publish(time_ns, whole, is_last)
+                publish(time_ns, values if is_all else {**self.values, **values}, is_last)
 
         return read
 
-    def _has_stepped(self, time_ns: int) -> bool:
-        """Take over the inputs and step; False where a policy holds the outputs."""
-        if not self._is_in_service:
-            return False
-        inputs = self._inputs(time_ns)
-        try:
-            self._set(inputs)
-            status = self._step(time_ns / SECOND, self._step_size)
-        except Exception as error:  # noqa: BLE001
-            self._fail(time_ns, error)
-            return False
-        while self._tries:
-            self._policies.tried_again(time_ns, self._tries.pop(0))
-        if status and not self._policies.answered(time_ns, status):
-            self._is_in_service = self._instance.state == "stepping"
-            return False
-        return not self._is_timed or self._is_in_time(time_ns)
+    def _stepper(self, step: Step) -> Callable[[int], bool]:
+        """Return what takes over the inputs and steps; false where a policy holds the outputs."""
+        set_, size, tries, is_timed = self._set, self._step_size, self._tries, self._is_timed
+
+        def has_stepped(time_ns: int) -> bool:
+            if not self._is_in_service:
+                return False
+            inputs = self._inputs(time_ns)
+            try:
+                set_(inputs)
+                status = step(time_ns / SECOND, size)
+            except Exception as error:  # noqa: BLE001
+                self._fail(time_ns, error)
+                return False
+            while tries:
+                self._policies.tried_again(time_ns, tries.pop(0))
+            if status and not self._counts(time_ns, status):
+                return False
+            return not is_timed or self._is_in_time(time_ns)
+
+        return has_stepped
+
+    def _counts(self, time_ns: int, status: int) -> bool:
+        """Tell whether the results of a step that was not simply done count."""
+        if self._policies.answered(time_ns, status):
+            return True
+        self._is_in_service = self._instance.state == "stepping"
+        return False
 
     def _fail(self, time_ns: int, error: Exception) -> None:
         self._is_in_service = self._may_read = False
@@ -246,3 +267,12 @@ class Participant:
         history.append((time_ns, self.values))
         while len(history) > 1 and history[1][0] <= time_ns - self._longest_delay:
             history.popleft()
+
+
+def _usual(
+    is_finite: Callable[[Values], bool], outside: Callable[[Values], Sequence[str]] | None
+) -> Callable[[Values], bool]:
+    """Return a quick test that outputs are finite and within their bounds."""
+    if outside is None:
+        return is_finite
+    return lambda values: is_finite(values) and not outside(values)
