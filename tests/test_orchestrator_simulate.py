@@ -119,6 +119,46 @@ def test_what_is_seen_when(source_hz, reader_hz, latency_ticks, delay_ticks):
     np.testing.assert_allclose(seen, np.maximum(newest, 0.0), rtol=0, atol=1e-12)
 
 
+class InHalves(Scripted):
+    """A scripted component that lives elsewhere: a step can be begun before it is waited for."""
+
+    def begin_step(self, time, step_size):
+        self._say("begin")
+        self.begun = time, step_size
+
+    def finish_step(self):
+        self._say("finish")
+        return self.step(*self.begun)
+
+
+def test_steps_in_several_processes_overlap():
+    """All that advance at an instant have begun before one is waited for, and nothing else changes.
+
+    The same flight as one after the other; a component with a deadline is not kept waiting.
+    """
+
+    def cross(make, **more):
+        log = []
+        rows = [Row("u", "input"), Row("y", "output")]
+        parts = {
+            name: make("continuous", 20.0, rows, accumulate, name=name, log=log, values={"y": y})
+            for name, y in (("a", 1.0), ("b", 2.0), ("c", 3.0))
+        }
+        links = ["a.y -> b.u", "b.y -> c.u", "c.y -> a.u"]
+        return fly(parts, links, duration_s=0.5, **more)["c.y"][1], log
+
+    def accumulate(values, time, step_size):
+        values["y"] += step_size * values["u"]
+
+    y, log = cross(InHalves)
+    np.testing.assert_array_equal(y, cross(Scripted)[0])
+    order = [f"{name}.{verb}" for name, verb, *_ in log if verb in ("begin", "finish")]
+    assert order[:6] == ["a.begin", "b.begin", "c.begin", "a.finish", "b.finish", "c.finish"]
+    _, log = cross(InHalves, b={"deadline_s": 10.0})
+    order = [f"{name}.{verb}" for name, verb, *_ in log if verb in ("begin", "finish", "step")]
+    assert order[:6] == ["a.begin", "c.begin", "a.finish", "a.step", "b.step", "c.finish"]
+
+
 def test_latency_publishes_late_and_once():
     """The first outputs hold from 0; every result is published at its instant plus latency."""
     trace = fly({"late": counter(2.0)}, duration_s=2.0, late={"latency_s": 0.5})

@@ -151,7 +151,16 @@ class Remote:
 
     def step(self, time: float, step_size: float, /) -> int:
         """Step; the process of a component that answers Fatal is ended."""
-        status, results = self._ask("step", time, step_size)
+        self.begin_step(time, step_size)
+        return self.finish_step()
+
+    def begin_step(self, time: float, step_size: float, /) -> None:
+        """Have a step begun and do not wait: others can step meanwhile."""
+        self._request("step", time, step_size)
+
+    def finish_step(self) -> int:
+        """Wait for the step that was begun, and return its status."""
+        status, results = self._process.answer()
         if results is not None:
             self._take(results)
         elif status == Status.FATAL:
@@ -221,6 +230,11 @@ class Remote:
             self._state = state
 
     def _ask(self, verb: str, *arguments: object) -> Any:
-        """Return the answer to one request, which brings the inputs that were set."""
+        """Return the answer to one request."""
+        self._request(verb, *arguments)
+        return self._process.answer()
+
+    def _request(self, verb: str, *arguments: object) -> None:
+        """Make a request, which brings the inputs that were set."""
         inputs, self._pending = self._pending, {}
-        return self._process.ask(verb, *arguments, inputs=inputs)
+        self._process.request(verb, *arguments, inputs=inputs)

@@ -70,6 +70,9 @@ class Participant:
         self._inputs: Callable[[int], Values] = lambda _: {}
         component: Any = instance.component
         self._set, self._get, step = component.set, component.get, component.step
+        self._is_stepped_once = (
+            spec.on_error != "restart" and spec.on_discard != "retry" and spec.deadline_s is None
+        )
         if spec.on_error == "restart":
             self._set, self._get, step = (
                 restarting(call, component.restart, self._policies.restarted)
@@ -112,6 +115,48 @@ class Participant:
         return {"release": self.release, "sample": self.sample, "advance": self.advance}[
             operation.kind
         ]
+
+    def halves(self) -> tuple[Callable[[int], None], Callable[[int], None]] | None:
+        """Return what begins and what finishes an advance, so that others can step in between.
+
+        None where that cannot be: the component lives in this process, a policy may step it again,
+        or there is a deadline, which waiting for others must not count against.
+        """
+        component: Any = self._instance.component
+        if not (self._is_stepped_once and hasattr(component, "begin_step")):
+            return None
+        has_begun = False
+
+        def begin(time_ns: int) -> None:
+            nonlocal has_begun
+            has_begun = False
+            if not self._is_in_service:
+                return
+            inputs = self._inputs(time_ns)
+            start = perf_counter()
+            try:
+                self._set(inputs)
+                component.begin_step(time_ns / SECOND, self._step_size)
+            except Exception as error:  # noqa: BLE001
+                self._fail(time_ns, error)
+            else:
+                has_begun = True
+            self._elapsed_s = perf_counter() - start
+
+        def finish(time_ns: int) -> None:
+            if not has_begun:
+                self._may_read = False
+                return
+            start = perf_counter()
+            try:
+                status = component.finish_step()
+            except Exception as error:  # noqa: BLE001
+                self._fail(time_ns, error)
+                return
+            self._elapsed_s += perf_counter() - start
+            self._may_read = self._is_done(time_ns, status)
+
+        return begin, finish
 
     def value_at(self, time_ns: int, name: str) -> Value | None:
         """Return an output as it was valid at a time, None before the first publishing."""
@@ -226,18 +271,16 @@ class Participant:
                 return False
             while tries:
                 self._policies.tried_again(time_ns, tries.pop(0))
-            if status and not self._counts(time_ns, status):
-                return False
-            return not is_timed or self._is_in_time(time_ns)
+            return not (status or is_timed) or self._is_done(time_ns, status)
 
         return has_stepped
 
-    def _counts(self, time_ns: int, status: int) -> bool:
-        """Tell whether the results of a step that was not simply done count."""
-        if self._policies.answered(time_ns, status):
-            return True
-        self._is_in_service = self._instance.state == "stepping"
-        return False
+    def _is_done(self, time_ns: int, status: int) -> bool:
+        """Deal with a status and with the time taken; return whether the outputs may be read."""
+        if status and not self._policies.answered(time_ns, status):
+            self._is_in_service = self._instance.state == "stepping"
+            return False
+        return not self._is_timed or self._is_in_time(time_ns)
 
     def _fail(self, time_ns: int, error: Exception) -> None:
         self._is_in_service = self._may_read = False

@@ -2,12 +2,13 @@
 
 import traceback
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
 from time import perf_counter, process_time
 
 from orchestrator.assembly.clock import SECOND
 from orchestrator.assembly.schedule import instants
-from orchestrator.assembly.system import System
+from orchestrator.assembly.system import Operation, System
 from orchestrator.errors import CouplingError
 from orchestrator.listener import Listener, Result
 from orchestrator.run.events import Change, changes, written
@@ -179,12 +180,35 @@ def _compile(
         (
             offset,
             (
-                tuple(calls[o] for o in operations),
+                _overlapped(operations, calls, participants),
                 tuple(calls[o] for o in operations if o.kind in ("read", "release")),
             ),
         )
         for offset, operations in table
     )
+
+
+def _overlapped(
+    operations: Sequence[Operation],
+    calls: Mapping[Operation, Callable[[int], None]],
+    participants: Participants,
+) -> Actions:
+    """Return the calls of an instant's operations, with steps in several processes overlapping.
+
+    Components that advance side by side do not hear of each other before they are read.
+    """
+    actions: list[Callable[[int], None]] = []
+    for is_advance, group in groupby(operations, key=lambda o: o.kind == "advance"):
+        together = list(group)
+        halves = [participants[o.component].halves() if is_advance else None for o in together]
+        if len(together) > 1:
+            actions += [both[0] for both in halves if both]
+            actions += [
+                both[1] if both else calls[o] for o, both in zip(together, halves, strict=True)
+            ]
+        else:
+            actions += [calls[o] for o in together]
+    return tuple(actions)
 
 
 def _apply(change: Change, time_ns: int, participants: Participants, report: Report) -> None:
