@@ -15,7 +15,8 @@ def example(use: str, scenario: Path | None = None) -> tuple[Factory, dict[str, 
     """Return the factory that ``use`` names, arguments that it accepts, and where they are from.
 
     They are those of the given scenario; otherwise its defaults, if they suffice; otherwise those
-    of the first installed scenario that has such a component. Of a file they name the file.
+    of the first installed scenario that has such a component, or one in whose place it can stand:
+    one that takes the same arguments. Of a file they name the file.
 
     Raises
     ------
@@ -40,9 +41,10 @@ def example(use: str, scenario: Path | None = None) -> tuple[Factory, dict[str, 
             if scenario:
                 raise
             continue
-        for plan in plans:
+        for plan in sorted(plans, key=lambda plan: plan.factory is not factory):
+            alike = takes.record is not None and constructor(plan.factory) == takes
             its_file: Any = getattr(plan.arguments.get("parameters"), "file", None)
-            if plan.factory is factory and (not file or file["file"].samefile(its_file)):
+            if (plan.factory is factory or alike) and (not file or file["file"].samefile(its_file)):
                 made = make(needed(plan, plans))
                 return factory, arguments(plan, made), f"{plan.path[1]} of {path}"
     raise ValueError(

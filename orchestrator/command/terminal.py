@@ -20,14 +20,14 @@ def print_table(title: str, table: Table) -> None:
 def announce(name: str) -> None:
     """Tell a terminal that something takes a while to make."""
     if sys.stderr.isatty():
-        print(f"preparing {name} ...", file=sys.stderr)  # noqa: T201
+        print(f"preparing {name} ...", file=sys.stderr)
 
 
 def agreed(what: str) -> bool:
     """Ask on the terminal whether to go on; without a terminal the answer is no."""
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         return False
-    print(f"{what}. Go on? [y/N] ", end="", file=sys.stderr, flush=True)  # noqa: T201
+    print(f"{what}. Go on? [y/N] ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 

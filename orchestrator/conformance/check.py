@@ -102,23 +102,50 @@ def check_component(
     timeout_s : float, optional
         Check in another process, which may take so long for every clause, s; a crash or a hang is a
         clause that is not kept. The factory must be given by name.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the factory raises: there is nothing to check then.
     """
     case = clauses.Case(factory, arguments or {}, step_s, steps, inputs)
     if timeout_s is None:
+        _make(case)
         return [_checked(name, case) for name in CONTRACT]
-    process = None
+    process = Process()
     checked: list[Clause] = []
-    for name, (promise, _) in CONTRACT.items():
-        if process is None or not process.is_open:
-            process = Process()
-            process.limit(timeout_s)
-        try:
-            checked.append(process.ask("call", _checked, name, case))
-        except (ComponentDied, ComponentTimeout) as error:
-            checked.append(Clause(name, promise, "failed", str(error)))
-    if process is not None:
+    try:
+        process.limit(timeout_s)
+        with suppress(ComponentDied, ComponentTimeout):  # the clauses tell
+            process.ask("call", _make, case)
+        for name, (promise, _) in CONTRACT.items():
+            if not process.is_open:
+                process = Process()
+                process.limit(timeout_s)
+            try:
+                checked.append(process.ask("call", _checked, name, case))
+            except (ComponentDied, ComponentTimeout) as error:
+                checked.append(Clause(name, promise, "failed", str(error)))
+    finally:
         process.close()
     return checked
+
+
+def _make(case: clauses.Case) -> None:
+    """Make the component once, which may be refused."""
+    try:
+        case.new()
+    except (OSError, ValueError):
+        raise
+    except Exception as error:
+        raise ValueError(f"cannot be made, {type(error).__name__}: {error}") from error
+    _unmake(case)
+
+
+def _unmake(case: clauses.Case) -> None:
+    while case.made:
+        with suppress(Exception):  # a clause of its own
+            case.made.pop().component.terminate()
 
 
 def _checked(name: str, case: clauses.Case) -> Clause:
@@ -132,7 +159,5 @@ def _checked(name: str, case: clauses.Case) -> Clause:
         verdict, detail = "failed", str(error)
     except Exception as error:  # noqa: BLE001  (whatever a component raises is its failure)
         verdict, detail = "failed", f"{type(error).__name__}: {error}"
-    while case.made:
-        with suppress(Exception):  # a clause of its own
-            case.made.pop().component.terminate()
+    _unmake(case)
     return Clause(name, promise, verdict, detail)

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from orchestrator.component import Status
 from orchestrator.fmu.buffers import Buffer, Transfer
 from orchestrator.fmu.calls import PENDING, Calls, Library
+from orchestrator.fmu.derivatives import directional, partials
 from orchestrator.fmu.errors import FmuError
-from orchestrator.fmu.instance import Outcome, pointer
+from orchestrator.fmu.instance import Outcome
 from orchestrator.fmu.log import Log, callbacks2
 from orchestrator.fmu.state import FMI2
 from orchestrator.fmu.variables import Block
@@ -155,36 +156,13 @@ class Fmi2:
         count: int,
     ) -> NDArray[np.float64]:
         """Return the change of the unknowns where the knowns change by ``seed``."""
-        found = np.zeros(count)
-        given = np.ascontiguousarray(seed, np.float64)
-        self.calls(
-            "fmi2GetDirectionalDerivative",
-            pointer(unknowns, ctypes.c_uint),
-            ctypes.c_size_t(len(unknowns)),
-            pointer(knowns, ctypes.c_uint),
-            ctypes.c_size_t(len(knowns)),
-            ctypes.c_void_p(given.ctypes.data),
-            ctypes.c_void_p(found.ctypes.data),
-        )
-        return found
+        return directional(self.calls, 2, unknowns, knowns, seed, count)
 
     def partials(
         self, unknowns: Sequence[int], knowns: Sequence[int], rows: NDArray[np.float64]
     ) -> list[Callable[[], int]]:
         """Return calls made fast, one per known: each writes a row of derivatives by it."""
-        one, seed = ctypes.c_size_t(1), ctypes.c_double(1.0)
-        return [
-            self.calls.bound(
-                "fmi2GetDirectionalDerivative",
-                pointer(unknowns, ctypes.c_uint),
-                ctypes.c_size_t(len(unknowns)),
-                ctypes.byref(ctypes.c_uint(known)),
-                one,
-                ctypes.byref(seed),
-                ctypes.byref(ctypes.c_double.from_buffer(row)),
-            )
-            for known, row in zip(knowns, rows, strict=True)
-        ]
+        return partials(self.calls, 2, unknowns, knowns, rows)
 
     def steps(
         self, times: NDArray[np.float64], step_size: float

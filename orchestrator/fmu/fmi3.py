@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from orchestrator.component import Status
 from orchestrator.fmu.buffers import Buffer, Transfer
 from orchestrator.fmu.calls import Calls, Library
+from orchestrator.fmu.derivatives import directional, partials
 from orchestrator.fmu.errors import FmuError
 from orchestrator.fmu.instance import LOOK, Outcome, pointer
 from orchestrator.fmu.log import LOG_MESSAGE3, Log
@@ -240,40 +241,13 @@ class Fmi3:
         count: int,
     ) -> NDArray[np.float64]:
         """Return the change of the unknowns where the knowns change by ``seed``."""
-        found = np.zeros(count)
-        given = np.ascontiguousarray(seed, np.float64)
-        self.calls(
-            "fmi3GetDirectionalDerivative",
-            pointer(unknowns, ctypes.c_uint),
-            ctypes.c_size_t(len(unknowns)),
-            pointer(knowns, ctypes.c_uint),
-            ctypes.c_size_t(len(knowns)),
-            ctypes.c_void_p(given.ctypes.data),
-            ctypes.c_size_t(given.size),
-            ctypes.c_void_p(found.ctypes.data),
-            ctypes.c_size_t(count),
-        )
-        return found
+        return directional(self.calls, 3, unknowns, knowns, seed, count)
 
     def partials(
         self, unknowns: Sequence[int], knowns: Sequence[int], rows: NDArray[np.float64]
     ) -> list[Callable[[], int]]:
         """Return calls made fast, one per known: each writes a row of derivatives by it."""
-        one, seed, count = ctypes.c_size_t(1), ctypes.c_double(1.0), ctypes.c_size_t(len(unknowns))
-        return [
-            self.calls.bound(
-                "fmi3GetDirectionalDerivative",
-                pointer(unknowns, ctypes.c_uint),
-                count,
-                ctypes.byref(ctypes.c_uint(known)),
-                one,
-                ctypes.byref(seed),
-                one,
-                ctypes.byref(ctypes.c_double.from_buffer(row)),
-                count,
-            )
-            for known, row in zip(knowns, rows, strict=True)
-        ]
+        return partials(self.calls, 3, unknowns, knowns, rows)
 
     def steps(
         self, times: NDArray[np.float64], step_size: float
