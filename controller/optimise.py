@@ -3,7 +3,7 @@
 Everything here is a pure function of the state, the nominal command and the reference.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller import qp
-from controller.prediction import Floats, PredictionModel, Response, identify
+from controller.prediction import (
+    Floats,
+    Identification,
+    PredictionModel,
+    Response,
+    identify,
+)
 from controller.reference import Path
 from controller.solvers import Solution, solve_with_fallback
 from controller.terrain_map import TerrainMap, heights
@@ -42,6 +48,10 @@ class Design:
         Solver of the quadratic programme.
     line_search : bool
         False takes the full step (it departs: for studies only).
+    steps : tuple of float
+        Lengths that the search tries besides 0.
+    identification : {"rollouts", "recursion"}
+        How S is found, :func:`controller.prediction.identify`.
     """
 
     model: PredictionModel
@@ -51,6 +61,7 @@ class Design:
     backend: str = "daqp"
     line_search: bool = True
     steps: tuple[float, ...] = STEPS
+    identification: Identification = "rollouts"
 
     @cached_property
     def rows(self) -> NDArray[np.int64]:
@@ -63,7 +74,8 @@ class Aim:
     """What one update wants: the reference, and the trims that R and Rc pull to.
 
     Commands are held within ``reach`` (4,) of the ``commands`` (4, H) that Rc pulls to; infinite
-    where only the model's own limits hold.
+    where only the model's own limits hold. ``height`` above ground is wanted, m. ``elapsed`` s ago, at
+    the last update, the planner left ``carry`` in its :class:`Pass`.
     """
 
     path: Path
@@ -74,6 +86,9 @@ class Aim:
     reach: Floats
     weights: Weights
     terrain_map: TerrainMap
+    height: float = 10.0
+    elapsed: float = 0.0
+    carry: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +96,8 @@ class Pass:
     """Outcome of one pass.
 
     ``u`` (H, 4) and its rollout ``Y`` (p, H); costs before and after and as the linear model promised;
-    ``step`` the accepted length; ``solution`` of the quadratic programme, None if there was none.
+    ``step`` the accepted length; ``solution`` of the quadratic programme, None if there was none;
+    ``carry`` what the planner wants to be given at the next update.
     """
 
     u: Floats
@@ -93,6 +109,7 @@ class Pass:
     slack: float
     valid: bool
     solution: Solution | None
+    carry: Floats | None = None
 
 
 class Improve(Protocol):
@@ -163,7 +180,8 @@ def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) 
         Acceleration bias, m/s2, NED.
     """
     model, rows = design.model, design.rows
-    response = identify(model, state, u0, design.Phi, design.amplitude, design.wind, bias, rows)
+    response = identify(model, state, u0, design.Phi, design.amplitude, design.wind, bias, rows,
+                        by=design.identification)  # fmt: skip
     Y0 = response.nominal
     if not response.valid:
         return Pass(u0, Y0, np.inf, np.inf, np.inf, 0.0, 0.0, False, None)
@@ -171,7 +189,21 @@ def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) 
     target = targets(aim.path, Y0[rows[0]], Y0[rows[1]], aim.near, period, aim.heading)
     data = quadratic_programme(response, rows, u0, aim, target, model)
     solution = solve_with_fallback(data, design.backend)
-    change = (response.Phi @ solution.alpha).T
+    found = search(design, state, u0, (response.Phi @ solution.alpha).T, bias, aim, target)
+    return replace(found, linear=qp.predicted_cost(data, solution.alpha), solution=solution)
+
+
+def search(
+    design: Design,
+    state: Floats,
+    u0: Floats,
+    change: Floats,
+    bias: Floats,
+    aim: Aim,
+    target: Targets,
+) -> Pass:
+    """Return the best of ``u0`` plus some lengths of a change (H, 4), on the nonlinear model."""
+    model, rows = design.model, design.rows
     # the shifted plan comes first, as it is: what gains nothing is no step
     lengths = np.array([0.0, *(design.steps if design.line_search else (1.0,))])
     low = np.maximum(model.command_min, aim.commands.T - aim.reach)
@@ -188,9 +220,9 @@ def optimise(design: Design, state: Floats, u0: Floats, bias: Floats, aim: Aim) 
         Y=np.ascontiguousarray(Y[:, :, best]),
         before=float(merit[0]),
         after=float(merit[best]),
-        linear=qp.predicted_cost(data, solution.alpha),
+        linear=float(merit[best]),
         step=float(lengths[best]),
         slack=float(slack[best]),
         valid=bool(np.isfinite(merit[best])),
-        solution=solution,
+        solution=None,
     )

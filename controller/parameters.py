@@ -2,19 +2,28 @@
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Interval
 
 from controller.bases import span_basis
+from controller.learned import learned_basis, read_basis
 from controller.optimise import Design, Improve, optimise
-from controller.prediction import PredictionModel, stack_bases
+from controller.prediction import (
+    Floats,
+    Identification,
+    PredictionModel,
+    linearise_of,
+    stack_bases,
+)
 from controller.reference import ReferenceParameters
 from controller.tracking import Weights
 
 Family = Literal[
     "laguerre", "laguerre_function", "legendre", "chebyshev", "tent", "ramp", "box", "bspline", "full",
+    "learned",
 ]  # fmt: skip
 Four = tuple[float, float, float, float]
 TUNABLE = (
@@ -38,12 +47,18 @@ class MpcParameters:
     height_agl_m: Annotated[float, Gt(0), "height above ground to hold"] = 10.0
     basis: Annotated[Family, "family of control basis functions"] = "laguerre"
     bases_per_channel: Annotated[
-        int | tuple[int, int, int, int], "number of functions, for all channels or for each"
+        int | tuple[int, int, int, int],
+        "number of functions, for all channels or for each; learned ones act on all: 4 n of them",
     ] = 5
+    basis_file: Annotated[Path | None, "of a learned basis, by `hedgehop learn-basis`"] = None
     laguerre_time: Annotated[
         Literal["seconds", "normalised"], "argument of the Laguerre polynomials"
     ] = "seconds"
     pole_per_s: Annotated[float, Gt(0), "pole of the Laguerre functions"] = 0.5
+    identification: Annotated[
+        Identification,
+        "perturbed rollouts, or recursion along one, whose cost hardly depends on the basis",
+    ] = "rollouts"
     horizon_s: Annotated[float, Gt(0), "longest horizon"] = 10.0
     adapt_horizon: Annotated[bool, "shorten the horizon to the terrain sensed"] = True
     horizon_quantum_s: Annotated[float, Gt(0), "horizons are multiples of this"] = 0.5
@@ -119,13 +134,45 @@ def weights(p: MpcParameters, *, attitude_form: bool) -> Weights:
 def design(p: MpcParameters, model: PredictionModel, horizon: int) -> Design:
     """Return the design for a horizon of H samples.
 
+    A learned basis is that of the parameters' speed: one that is tuned in flight does not change it.
+
     Raises
     ------
     ValueError
-        If the basis does not exist at that horizon.
+        If the basis does not exist at that horizon or has no file, or the model has no tangent and
+        is to be identified by recursion.
     """
+    if p.identification == "recursion":
+        linearise_of(model)
+    return Design(
+        model=model,
+        Phi=_columns(p, model, horizon),
+        amplitude=np.array([_AMPLITUDE[name] for name in model.commands]),
+        wind=np.array(p.wind_mps),
+        backend=p.solver,
+        line_search=p.line_search,
+        identification=p.identification,
+    )
+
+
+def _columns(p: MpcParameters, model: PredictionModel, horizon: int) -> Floats:
+    """Return Phi, (4, H, m)."""
     counts = p.bases_per_channel
     counts = (counts,) * 4 if isinstance(counts, int) else counts
+    if p.basis == "learned":
+        if p.basis_file is None:
+            raise ValueError(
+                "basis learned: no file, got basis_file null, "
+                "expected one written by `hedgehop learn-basis`"
+            )
+        return learned_basis(
+            read_basis(p.basis_file),
+            horizon,
+            sum(counts),
+            speed=p.speed_mps,
+            commands=tuple(model.commands),
+            sample_period=model.sample_period,
+        )
     bases = [
         span_basis(
             p.basis,
@@ -137,14 +184,7 @@ def design(p: MpcParameters, model: PredictionModel, horizon: int) -> Design:
         )[0]
         for count in counts
     ]
-    return Design(
-        model=model,
-        Phi=stack_bases(bases),
-        amplitude=np.array([_AMPLITUDE[name] for name in model.commands]),
-        wind=np.array(p.wind_mps),
-        backend=p.solver,
-        line_search=p.line_search,
-    )
+    return stack_bases(bases)
 
 
 def basis_planner(p: MpcParameters, model: PredictionModel, horizon: int) -> Improve:

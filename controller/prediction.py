@@ -1,14 +1,16 @@
 """What the controller asks of a prediction model, and the linear response identified from it."""
 
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.jit import kernel
+from controller.recursion import propagate
 
 Floats = NDArray[np.float64]
+Identification = Literal["rollouts", "recursion"]
 
 
 class Rollout(Protocol):
@@ -25,14 +27,31 @@ class Rollout(Protocol):
     def last(self) -> Floats: ...  # noqa: D102
 
 
+class Linearisation(Protocol):
+    """The tangent of each sample along a nominal trajectory.
+
+    ``nominal`` (p, H): its outputs, equal to a rollout's. ``slopes`` (H, n + p, n + 4): [A B; C D] of
+    each sample, by which a change [dx, du] of state and command at its start becomes one of the state
+    at its end and of the outputs. ``valid``: the trajectory is.
+    """
+
+    @property
+    def nominal(self) -> Floats: ...  # noqa: D102
+    @property
+    def slopes(self) -> Floats: ...  # noqa: D102
+    @property
+    def valid(self) -> bool: ...  # noqa: D102
+
+
 class PredictionModel(Protocol):
     """A model that rolls out batches; black box, no derivatives.
 
-    It may have two methods more, or None in their place. ``response(state, u0, Phi, wind, bias)``
+    It may have three methods more, or None in their place. ``response(state, u0, Phi, wind, bias)``
     returns nominal, S of all outputs and whether they are valid, as :func:`identify` else finds by
-    perturbations. ``follow(before, commands, wind, bias)`` is for a model that takes no measured
-    state: it returns its own (bytes) after the commands (K, 4) flown since it was ``before`` (None:
-    at the start), and the next rollouts begin there.
+    perturbations. ``linearise(state, commands, wind, bias)`` returns a :class:`Linearisation` under
+    commands (H, 4), for identification by recursion. ``follow(before, commands, wind, bias)`` is for
+    a model that takes no measured state: it returns its own (bytes) after the commands (K, 4) flown
+    since it was ``before`` (None: at the start), and the next rollouts begin there.
 
     ``outputs`` must contain north, east, altitude (m), heading (unwrapped), roll, pitch (rad), speed
     and velocity_north, _east, _down (m/s), all at the *end* of a sample, and actuator_thrust,
@@ -105,12 +124,17 @@ def identify(
     wind: Floats,
     bias: Floats,
     rows: NDArray[np.int64] | None = None,
+    *,
+    by: Identification = "rollouts",
 ) -> Response:
-    """Identify S by one batch of perturbed rollouts, each basis function on each channel in turn.
+    """Identify S, by perturbed rollouts or by recursion along the nominal one.
 
-    One-sided differences of *tiny* perturbations along orthonormal columns: their error is below
-    1e-4 of S, whereas the unit perturbation that the paper writes (alpha = [1, 0, 0, 0, 0], 1 G or
-    1 rad) makes rollouts diverge.
+    By rollouts: one batch, each basis function in turn. One-sided differences of *tiny* perturbations
+    along orthonormal columns: their error is below 1e-4 of S, whereas the unit perturbation that the
+    paper writes (alpha = [1, 0, 0, 0, 0], 1 G or 1 rad) makes rollouts diverge. A model that knows its
+    own response is asked for that instead.
+
+    By recursion: :func:`controller.recursion.propagate` with the model's own tangent.
 
     Parameters
     ----------
@@ -121,23 +145,47 @@ def identify(
     Phi : (4, H, m)
         Columns of unit RMS, :func:`stack_bases`.
     amplitude : (4,)
-        Perturbation per channel, in its unit.
+        Perturbation per channel, in its unit; a column that acts on several is perturbed along itself,
+        by the smallest of theirs.
     wind, bias : (3,)
         Air velocity, m/s, and acceleration bias, m/s2.
     rows : (r,), optional
         Which of the model's outputs S is of; all by default.
+    by : {"rollouts", "recursion"}
+        Recursion needs a model with ``linearise``.
     """
     rows = np.arange(len(model.outputs)) if rows is None else rows
+    if by == "recursion":
+        along = linearise_of(model)(state, u0, wind, bias)
+        S = propagate(along.slopes, Phi, rows)
+        finite = np.isfinite(along.nominal).all() and np.isfinite(S).all()
+        return Response(along.nominal, S, Phi, along.valid and bool(finite))
     exact = getattr(model, "response", None)
     if exact is not None:
         nominal, S, valid = exact(state, u0, Phi, wind, bias)
         return Response(nominal, S[rows], Phi, valid)
-    delta = Phi * amplitude[:, None, None]
-    commands = np.concatenate([u0[None], u0[None] + delta.transpose(2, 1, 0)])
+    size = np.where(Phi.any(axis=1), amplitude[:, None], np.inf).min(axis=0)
+    commands = np.concatenate([u0[None], u0[None] + (Phi * size).transpose(2, 1, 0)])
     rollout = model.rollout(state, commands, wind, bias)
     Y = rollout.outputs.transpose(2, 1, 0)
-    scale = 1.0 / (Phi.any(axis=1).T @ amplitude)
     S = np.empty((len(rows), *Phi.shape[1:]))
-    finite = _differences(Y, rows, scale, S)
+    finite = _differences(Y, rows, 1.0 / size, S)
     nominal = np.ascontiguousarray(Y[:, :, 0])
     return Response(nominal, S, Phi, finite and bool(rollout.valid.all()))
+
+
+def linearise_of(model: PredictionModel) -> Callable[..., Linearisation]:
+    """Return the model's ``linearise``.
+
+    Raises
+    ------
+    ValueError
+        If it has none.
+    """
+    found = getattr(model, "linearise", None)
+    if found is None:
+        raise ValueError(
+            f"identification: a recursion needs the model's tangent, got {type(model).__name__} "
+            "without `linearise`, expected identification 'rollouts'"
+        )
+    return found

@@ -42,7 +42,8 @@ class Memory:
     ``committed`` (late, 4) are the commands from the update until ``plan`` takes effect.
     ``expected`` is the velocity, m/s NED, predicted for the next update, which is ``elapsed`` s on;
     ``bias`` the acceleration bias, m/s2 NED; ``station`` where the aircraft is along the reference;
-    ``shadow`` the state of a model that takes no measured one, at the last update.
+    ``shadow`` the state of a model that takes no measured one, at the last update; ``carry`` what the
+    planner left for the next.
     """
 
     plan: Plan
@@ -54,6 +55,7 @@ class Memory:
     expected: Floats | None = None
     elapsed: float = 0.0
     shadow: bytes | None = None
+    carry: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -110,14 +112,15 @@ def update(
     memory = replace(
         memory,
         shadow=_shadow(task, p, memory, time),
-        bias=_bias(p, memory, _velocity(state, task.model.states)),
+        bias=_bias(p, memory, velocity(state, task.model.states)),
     )
     begin, committed, on_the_way = _at_effect(task, p, memory, state, time, late)
     if not np.isfinite(begin).all():
         return nothing
     memory = _carry_on(task, p, memory, state)
     H = _horizon(p, memory, period, late)
-    aim = _aim(task, p, memory, begin, H)
+    elapsed = _flown(task, memory, time) * period
+    aim = _aim(task, p, memory, begin, H, elapsed)
     effective = time + late * period
     best, rung = _improve(task, p, memory, begin, effective, H, aim)
     tail = trim_commands(task, p.speed_mps, np.zeros(p.plan_capacity - H))
@@ -131,6 +134,7 @@ def update(
         committed=committed,
         expected=velocities[applied - 1] if best.valid else None,
         elapsed=applied * period,
+        carry=best.carry,
     )
     return memory, best, rung
 
@@ -139,11 +143,11 @@ def _velocity_rows(task: Task) -> list[int]:
     return [task.model.outputs.index(name) for name in VELOCITY]
 
 
-def _bias(p: MpcParameters, memory: Memory, velocity: Floats) -> Floats:
+def _bias(p: MpcParameters, memory: Memory, measured: Floats) -> Floats:
     """Return the acceleration bias, moved by half of what the last prediction missed in velocity."""
     if memory.expected is None or not p.bias_estimate:
         return memory.bias
-    miss = velocity - memory.expected
+    miss = measured - memory.expected
     miss[np.abs(miss) < 1e-9] = 0.0  # rounding: a perfect model keeps a bias of exactly zero
     return np.clip(memory.bias + BIAS_GAIN * miss / memory.elapsed, -BIAS_LIMIT, BIAS_LIMIT)
 
@@ -211,7 +215,9 @@ def _horizon(p: MpcParameters, memory: Memory, period: float, late: int) -> int:
     return min(max(int(ahead / period / quantum) * quantum, 4 * quantum), longest)
 
 
-def _aim(task: Task, p: MpcParameters, memory: Memory, begin: Floats, H: int) -> Aim:
+def _aim(
+    task: Task, p: MpcParameters, memory: Memory, begin: Floats, H: int, elapsed: float
+) -> Aim:
     """Return what the update wants; R pulls to trim, Rc to trim along the reference's heading."""
     assert memory.reference is not None
     assert memory.terrain_map is not None
@@ -229,6 +235,9 @@ def _aim(task: Task, p: MpcParameters, memory: Memory, begin: Floats, H: int) ->
         reach=np.array([np.inf, np.inf, np.inf, turn]),
         weights=weights(p, attitude_form=task.attitude_form),
         terrain_map=memory.terrain_map,
+        height=p.height_agl_m,
+        elapsed=elapsed,
+        carry=memory.carry,
     )
 
 
@@ -258,7 +267,7 @@ def _improve(
     return best, 3 if fallen else 2
 
 
-def _velocity(state: Floats, names: tuple[str, ...]) -> Floats:
+def velocity(state: Floats, names: tuple[str, ...]) -> Floats:
     """Return the velocity over ground, NED, of a state in body axes (3-2-1 Euler angles)."""
     u, v, w, phi, theta, psi = (
         float(state[names.index(name)]) for name in ("u", "v", "w", "phi", "theta", "psi")

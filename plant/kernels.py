@@ -1,4 +1,4 @@
-"""The compiled kernels: rollouts of either plant, and single derivatives.
+"""The compiled kernels: rollouts of either plant, their tangents, and single derivatives.
 
 The named functions are thin on purpose: numba's cache tells kernels apart by name and line, so each
 plant's rollout needs a ``def`` of its own. The constants come as an array and are spread here: out of
@@ -13,7 +13,7 @@ from typing import Any
 
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from plant import dynamics, lanes, terrain
+from plant import dynamics, lanes, tangent, terrain
 from plant.dynamics import NO_GROUND
 from plant.elementary import COMPILED, compiled, inject, inline
 from plant.jit import kernel
@@ -51,6 +51,26 @@ def roll_collective(
     p = Constants(*_tuple(constants, _CONSTANTS))
     air, push = _tuple(wind, 3), _tuple(bias, 3)
     _roll_collective(x0, commands, air, push, p, h, substeps, ground, grid, out, last, valid)
+
+
+_walk_thrust = inject(tangent, {"roll": roll_thrust}, inline)["walk"]
+_walk_collective = inject(tangent, {"roll": roll_collective}, inline)["walk"]
+
+
+@kernel
+def walk_thrust(x0, commands, wind, bias, constants, h, substeps, ground, grid, y, slopes, valid):
+    """:func:`plant.tangent.walk` of the thrust-commanded plant, with arrays for tuples."""
+    _walk_thrust(x0, commands, wind, bias, constants, h, substeps, ground, grid, y, slopes, valid)
+
+
+@kernel
+def walk_collective(
+    x0, commands, wind, bias, constants, h, substeps, ground, grid, y, slopes, valid
+):
+    """:func:`plant.tangent.walk` of the collective plant, with arrays for tuples."""
+    _walk_collective(
+        x0, commands, wind, bias, constants, h, substeps, ground, grid, y, slopes, valid
+    )
 
 
 @kernel

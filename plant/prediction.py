@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from plant.rotorcraft import (
     SET_POINT_LIMIT,
     STATES,
     AirframeParameters,
+    Linearisation,
     Rollout,
     rotorcraft,
 )
@@ -67,3 +69,36 @@ class HelicopterModel:
         """
         own = self._craft.own_state(np.broadcast_to(state, (len(commands), len(STATES))))
         return self._craft.roll(own, commands, wind, bias)
+
+    def symbolic(self) -> tuple[Any, Any]:
+        """Return one sample without ground as CasADi functions, :class:`plant.symbolic.SampleMap`.
+
+        Raises
+        ------
+        ValueError
+            If CasADi is missing, or the rotor is collective: its state is not the common one.
+        """
+        from plant.symbolic import sample_map  # tracing is for optimal control only
+
+        if self._craft.collective:
+            raise ValueError(
+                "symbolic model: the rotor's state is not the common one, got rotor 'collective', "
+                "expected 'thrust'"
+            )
+        return sample_map(self._craft)
+
+    def linearise(
+        self, state: Floats, commands: Floats, wind: Floats, bias: Floats
+    ) -> Linearisation:
+        """Return the tangent of each sample along one trajectory.
+
+        Parameters
+        ----------
+        state : (17,)
+            Common state at the start.
+        commands : (H, 4)
+            Held over each sample of 50 ms.
+        wind, bias : (3,)
+            As :meth:`rollout`.
+        """
+        return self._craft.linearise(self._craft.own_state(state), commands, wind, bias)

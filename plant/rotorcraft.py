@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from numpy.typing import NDArray
 
-from plant import dynamics, kernels, lanes
+from plant import dynamics, kernels, lanes, tangent
 from plant.r50 import Bounds, CommandForm, Constants, Preset, constants
 from plant.terrain import Terrain, TerrainGrid
 from plant.trim import Trim, trim, with_stabiliser
@@ -67,6 +67,20 @@ class Rollout(NamedTuple):
     outputs: Floats
     valid: NDArray[np.bool_]
     last: Floats
+
+
+class Linearisation(NamedTuple):
+    """The tangent of the map over one sample, along a trajectory of H samples.
+
+    ``nominal`` (p, H): the outputs, as a rollout has them. ``slopes`` (H, 17 + p, 21): at each sample
+    the block matrix [A B; C D], by which a change [dx, du] of state and command at its start becomes
+    one of the state at its end and of the outputs. The states are the plant's own: the collective
+    plant has the induced velocity in place of the thrust. ``valid``: the trajectory is.
+    """
+
+    nominal: Floats
+    slopes: Floats
+    valid: bool
 
 
 class Rotorcraft(NamedTuple):
@@ -139,6 +153,28 @@ class Rotorcraft(NamedTuple):
             valid,
         )
         return Rollout(out.transpose(2, 1, 0)[:N], valid[:N], last[:N])
+
+    def linearise(self, own: Floats, commands: Floats, wind: Floats, bias: Floats) -> Linearisation:
+        """Return the tangent along the trajectory from an own state (17,) under commands (H, 4)."""
+        nominal = np.empty((len(lanes.OUTPUTS), len(commands)))
+        slopes = np.empty((len(commands), tangent.CHANGED, tangent.MOVED))
+        valid = np.empty(1, dtype=np.bool_)
+        kernel = kernels.walk_collective if self.collective else kernels.walk_thrust
+        kernel(
+            np.ascontiguousarray(own, dtype=np.float64),
+            np.ascontiguousarray(commands, dtype=np.float64),
+            np.ascontiguousarray(wind, dtype=np.float64),
+            np.ascontiguousarray(bias, dtype=np.float64),
+            self.constants,
+            SAMPLE_PERIOD / self.substeps,
+            self.substeps,
+            self.over_terrain,
+            self.grid,
+            nominal,
+            slopes,
+            valid,
+        )
+        return Linearisation(nominal, slopes, bool(valid[0]))
 
 
 def rotorcraft(parameters: AirframeParameters, terrain: Terrain | None = None) -> Rotorcraft:
