@@ -68,7 +68,10 @@ class HelicopterModel:
             Air velocity, m/s, and unmodelled acceleration, m/s2; NED.
         """
         own = self._craft.own_state(np.broadcast_to(state, (len(commands), len(STATES))))
-        return self._craft.roll(own, commands, wind, bias)
+        rollout = self._craft.roll(own, commands, wind, bias)
+        if not self._craft.collective:
+            return rollout
+        return rollout._replace(last=self._craft.common_state(rollout.last, commands[:, -1], wind))
 
     def symbolic(self) -> tuple[Any, Any]:
         """Return one sample without ground as CasADi functions, :class:`plant.symbolic.SampleMap`.

@@ -124,6 +124,16 @@ class Rotorcraft(NamedTuple):
                 row[ROTOR] = dynamics.inflow(p.weight * max(x[ROTOR], 0.0), flow[7], flow[6], p)
         return own
 
+    def common_state(self, own: Floats, commands: Floats, wind: Floats) -> Floats:
+        """Return the common states of own ones (N, 17) under commands (N, 4): the rotor's thrust, G."""
+        common = own.copy()
+        air = np.ascontiguousarray(wind, dtype=np.float64)
+        for x, u in zip(common, commands, strict=True):
+            x[ROTOR] = kernels.readings(
+                x, u, air, self.over_terrain, self.grid, self.constants, self.collective
+            )[1]
+        return common
+
     def roll(self, own: Floats, commands: Floats, wind: Floats, bias: Floats) -> Rollout:
         """Roll out own states (N, 17) under commands (N, H, 4); ``last`` holds own states.
 

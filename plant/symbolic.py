@@ -9,11 +9,12 @@ For C code, exact Jacobians and optimal control. CasADi (extra ``fmu``) is impor
 from functools import cache
 from importlib import import_module
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
-from plant import dynamics, trim
+from plant import dynamics, lanes, trim
 from plant.elementary import inject
 from plant.r50 import Constants
+from plant.rotorcraft import SAMPLE_PERIOD, Rotorcraft
 
 
 def casadi() -> Any:
@@ -33,20 +34,20 @@ def casadi() -> Any:
 
 
 @cache
+def _elementary() -> dict[str, Any]:
+    ca = casadi()
+    return {
+        "sincos": lambda x: (ca.sin(x), ca.cos(x)),
+        "sqrt": ca.sqrt,
+        "select": ca.if_else,
+        "nearest": lambda x: x - ca.remainder(x, 1.0),  # IEEE: to the nearest, ties to even
+    }
+
+
+@cache
 def traced() -> SimpleNamespace:
     """Return the functions of :mod:`plant.dynamics`, which then take CasADi's SX for any number."""
-    ca = casadi()
-    return SimpleNamespace(
-        **inject(
-            dynamics,
-            {
-                "sincos": lambda x: (ca.sin(x), ca.cos(x)),
-                "sqrt": ca.sqrt,
-                "select": ca.if_else,
-                "nearest": lambda x: x - ca.remainder(x, 1.0),  # IEEE: to the nearest, ties to even
-            },
-        )
-    )
+    return SimpleNamespace(**inject(dynamics, _elementary()))
 
 
 @cache
@@ -78,3 +79,55 @@ def casadi_derivative(p: Constants, *, collective: bool = False) -> Any:
     return ca.Function(
         "derivative", [x, u, wind, ground, bias], [ca.vertcat(*rate)], names, ["rate"]
     )
+
+
+class SampleMap(NamedTuple):
+    """One sample of a helicopter as two CasADi functions of columns.
+
+    ``advance(x, u, wind, bias)`` is the state at its end; ``outputs(x, u, x_end)`` the rows of
+    :data:`plant.lanes.OUTPUTS` of a sample that began at ``x`` under ``u`` and ended at ``x_end``.
+    That argument is there so that in multiple shooting an output depends on one node only.
+    """
+
+    advance: Any
+    outputs: Any
+
+
+def sample_map(craft: Rotorcraft) -> SampleMap:
+    """Return 50 ms of a rollout of :mod:`plant.lanes`, attitude stabiliser included, no ground.
+
+    States are the craft's own: 17, with the induced velocity in a collective rotor.
+    """
+    ca = casadi()
+    x, u, end, wind, bias = (
+        ca.SX.sym(name, size)
+        for name, size in (("x", 17), ("u", 4), ("x_end", 17), ("wind", 3), ("bias", 3))
+    )
+    f = traced()
+    step, record = _one_lane(f.derivative_collective if craft.collective else f.derivative)
+    w = [*scalars(x), *[0.0] * (2 * lanes.STATES), *scalars(u), dynamics.NO_GROUND]
+    for _ in range(craft.substeps):
+        step(w, scalars(wind), scalars(bias), craft.p, SAMPLE_PERIOD / craft.substeps)
+    out: dict[tuple[int, int, int], Any] = {}
+    record([*scalars(end)], 0, 0, out)
+    readings = [out[row, 0, 0] for row in range(len(out))]
+    y = ca.vertcat(*readings, *f.actuators(scalars(x), scalars(u), craft.p))
+    return SampleMap(
+        ca.Function(
+            "advance",
+            [x, u, wind, bias],
+            [ca.vertcat(*w[: lanes.STATES])],
+            ["x", "u", "wind", "bias"],
+            ["x_end"],
+        ),
+        ca.Function("outputs", [x, u, end], [y], ["x", "u", "x_end"], ["y"]),
+    )
+
+
+def _one_lane(derivative: Any) -> tuple[Any, Any]:
+    """Return the Runge-Kutta step and the record of :mod:`plant.lanes`, for a block of one lane."""
+    f = traced()
+    offsets = {name: vars(lanes)[name] // lanes.LANES for name in ("LANES", "_S", "_K", "_U", "_G")}
+    of = {"derivative": derivative, "actuators": f.actuators, "clip": f.clip}
+    lane = inject(lanes, {**_elementary(), **offsets, **of})
+    return lane["advance"], lane["_record"]

@@ -88,6 +88,17 @@ def test_one_machine_code_flies_and_predicts():
     assert kernels.roll_thrust.signatures == flown
 
 
+def test_a_rollout_of_either_plant_ends_in_a_common_state():
+    """Level flight ends as it began, with the rotor given by its thrust; another can go on there."""
+    for rotor in ("thrust", "collective"):
+        model = HelicopterModel(ModelParameters(rotor=rotor))
+        start, command, _ = model.trim(30.0)
+        still = np.zeros(3)
+        last = model.rollout(start, np.tile(command, (2, 10, 1)), still, still).last[0]
+        np.testing.assert_allclose(last[1:], start[1:], rtol=0, atol=1e-9)
+        assert last[0] == pytest.approx(15.0, abs=1e-9)
+
+
 def test_the_thrust_model_predicts_the_collective_plant():
     """Started from the common state, either model predicts the collective plant to 0.2 m in 2 s."""
     vehicle = Helicopter(HelicopterParameters(rotor="collective", height_agl_m=50.0))
