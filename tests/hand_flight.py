@@ -68,6 +68,7 @@ class HandFlight:
         reach_m: float = 400.0,
         latency_s: float = 0.0,
         model: Any = None,
+        controller: Callable = BasisMpc,
     ) -> None:
         vehicle = dict(vehicle or {})
         self.ground, self.reach_m = ground, reach_m
@@ -78,7 +79,7 @@ class HandFlight:
         preset = vehicle.get("preset", "r50")
         self.model = model or HelicopterModel(ModelParameters(command=form, preset=preset))
         self.vehicle = Helicopter(HelicopterParameters(**vehicle))
-        self.mpc = BasisMpc(self.parameters, prediction_model=self.model, latency_s=latency_s)
+        self.mpc = controller(self.parameters, prediction_model=self.model, latency_s=latency_s)
         self.sequencer = PlanSequencer(SequencerParameters(command=form))
         self.outputs = outputs_of(self.mpc)
         self.plan = [name for name in self.outputs if name.startswith("plan.")]
