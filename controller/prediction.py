@@ -46,12 +46,14 @@ class Linearisation(Protocol):
 class PredictionModel(Protocol):
     """A model that rolls out batches; black box, no derivatives.
 
-    It may have three methods more, or None in their place. ``response(state, u0, Phi, wind, bias)``
+    It may have four methods more, or None in their place. ``response(state, u0, Phi, wind, bias)``
     returns nominal, S of all outputs and whether they are valid, as :func:`identify` else finds by
     perturbations. ``linearise(state, commands, wind, bias)`` returns a :class:`Linearisation` under
     commands (H, 4), for identification by recursion. ``follow(before, commands, wind, bias)`` is for
     a model that takes no measured state: it returns its own (bytes) after the commands (K, 4) flown
-    since it was ``before`` (None: at the start), and the next rollouts begin there.
+    since it was ``before`` (None: at the start), and the next rollouts begin there. ``symbolic()``,
+    which only optimal control needs, returns CasADi functions of one sample,
+    ``advance(x, u, wind, bias) -> x_end`` and ``outputs(x, u, x_end) -> y``.
 
     ``outputs`` must contain north, east, altitude (m), heading (unwrapped), roll, pitch (rad), speed
     and velocity_north, _east, _down (m/s), all at the *end* of a sample, and actuator_thrust,
