@@ -19,6 +19,9 @@ def finiteness(ports: Mapping[str, Port]) -> Callable[[Mapping[str, Value]], boo
     outputs = {name: port for name, port in ports.items() if port.causality == "output"}
     if not any(port.shape or port.kind in ("string", "binary") for port in outputs.values()):
         count = len(outputs)
+        if count == 1:
+            (only,) = outputs
+            return lambda values: isfinite(cast(float, values[only])) and len(values) == 1
         return lambda values: len(values) == count and isfinite(sum(cast(Any, values.values())))
     floats = [name for name, port in outputs.items() if port.kind == "float"]
     scalars = [name for name in floats if not ports[name].shape]

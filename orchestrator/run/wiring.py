@@ -48,6 +48,10 @@ def gather(
     plain = [(sources[name], group) for name, group in groups.items()]
     inputs: dict[str, Value] = {}
 
+    def gather_one(_: int) -> Mapping[str, Value]:
+        inputs[target] = source.values[name]
+        return inputs
+
     def gather_plain(_: int) -> Mapping[str, Value]:
         for source, group in plain:
             values = source.values
@@ -68,4 +72,9 @@ def gather(
         inputs.update(differing)
         return inputs
 
-    return gather_all if special else gather_plain
+    if special:
+        return gather_all
+    if len(plain) == 1 and len(plain[0][1]) == 1:
+        source, ((target, name),) = plain[0]
+        return gather_one
+    return gather_plain
