@@ -8,7 +8,7 @@ LOCK     = $(BIN)/uv pip compile --universal --python-version 3.11 --quiet \
            --generate-hashes --only-binary :all: --emit-build-options --no-annotate \
            --custom-compile-command 'make lock' $(UPGRADE)
 
-.PHONY: help fly test check pictures bench lock clean lint format types imports scenarios schema viewers
+.PHONY: help fly test check paper pictures bench lock clean lint format types imports scenarios schema viewers
 .DELETE_ON_ERROR:
 
 help:  ## list the targets
@@ -43,6 +43,9 @@ schema: .venv/.ready
 
 viewers: .venv/.checks
 	$(BIN)/python -m pytest -m viewers
+
+paper: .venv/.ready  ## run the paper's studies again, in minutes: paper-report/report.html; ARGS= for the full run
+	@$(BIN)/hedgehop paper $(if $(filter undefined,$(origin ARGS)),--quick,$(ARGS))
 
 pictures: .venv/.checks  ## picture a flight as viewers show it; needs Vulkan, software suffices
 	@$(BIN)/hedgehop run scenarios/jacksboro.yaml --out jacksboro.mcap

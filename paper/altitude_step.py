@@ -54,7 +54,7 @@ def study(quick: bool, progress: Callable[[str], None]) -> Study:
             title="Figure 8: a 10 m step, receding horizon",
             caption="R-50 at 30 m/s, attitude form, one pass with line search per update at 2 Hz, "
             "horizon 10 s, Q = 1 on every output, R = (0.1, 1, 1, 1) on the deviation from trim, "
-            "identified by rollouts. Left: the step is seen coming; right: it is not.",
+            "identified by recursion. Left: the step is seen coming; right: it is not.",
             table=pictures[SHIPPED],
             draw=partial(_draw, table=pictures[SHIPPED]),
             size_in=(9.0, 6.2),

@@ -148,7 +148,7 @@ def _cell(row: Row) -> str:
         float(row[name]) if row[name] else float("nan")
         for name in ("height_rms_m", "clearance_min_m", "cpu_ms_per_simulated_s")
     )
-    return f"{height:.3f} / {clearance:.2f} / {cpu:.0f}"
+    return f"{height:.2g} / {clearance:.2f} / {cpu:.0f}"
 
 
 def markdown(rows: Sequence[Row]) -> str:
