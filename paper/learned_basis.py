@@ -60,12 +60,13 @@ def references(kind: str, flight: Flight, number: int = 12) -> Floats:
 
 def hills(x: Floats) -> Floats:
     """Return the elevation, m, of a row of steep hills at x m: as rough as flying over a fault."""
-    return sum(
+    parts = [
         height * np.exp(-(((x - at) / width) ** 2))
         for at, height, width in (
             (90, 14, 60), (260, -9, 50), (430, 22, 90), (640, 12, 55), (800, 25, 110), (1000, 9, 60),
         )
-    )  # fmt: skip
+    ]  # fmt: skip
+    return np.sum(parts, axis=0)
 
 
 class Excess(NamedTuple):
@@ -151,7 +152,7 @@ def _nearest(columns: Floats, count: int) -> Callable[[float], Floats]:
 def study(quick: bool, progress: Callable[[str], None]) -> Study:
     """Train, and compare with full order and with other bases."""
     weights = {"equal": EQUAL} if quick else {"equal": EQUAL, "as flown": FLOWN}
-    rows: list[tuple[str, str, str, float, float, float]] = []
+    rows: list[tuple[str | float, ...]] = []
     ours: dict[tuple[str, str], Excess] = {}
     for label, Q in weights.items():
         progress(f"training, weights {label}")

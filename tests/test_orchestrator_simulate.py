@@ -123,10 +123,12 @@ class InHalves(Scripted):
     """A scripted component that lives elsewhere: a step can be begun before it is waited for."""
 
     def begin_step(self, time, step_size):
+        """Begin."""
         self._say("begin")
         self.begun = time, step_size
 
     def finish_step(self):
+        """Step now."""
         self._say("finish")
         return self.step(*self.begun)
 
