@@ -59,7 +59,6 @@ class Participant:
         self._is_usual = _usual(finiteness(ports), self._outside)
         self._report = report
         self._publish = tuple(listener.outputs for listener in report.listeners)
-        self._is_heard = bool(self._publish or end_on)
         self._clocks = tuple(x.wall_clock for x in report.listeners if x.wants_wall_clock)
         self._deadline_s = spec.deadline_s
         self._is_timed = bool(self._clocks) or spec.deadline_s is not None
@@ -208,7 +207,7 @@ class Participant:
         self.values = values
         if self._longest_delay >= 0:
             self._remember(time_ns)
-        if is_last and self._is_heard:
+        if is_last:
             for publish in self._publish:
                 publish(time_ns, self.name, values)
             for name in self._end_on:
