@@ -10,6 +10,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from orchestrator.recording.container import Container
+from orchestrator.recording.rows import Row, instant
+from orchestrator.recording.wire import Layout
 
 MESSAGES = [  # channel, log time, data
     (1, 5, b"first"),
@@ -25,16 +27,11 @@ def as_bytes(record):
     return builder.end()
 
 
-def batches(messages):
-    """Return messages as the container takes them: by channel, as records."""
-    return [
-        (
-            channel,
-            [time for c, time, _ in messages if c == channel],
-            [as_bytes(Message(c, t, data, t, 3)) for c, t, data in messages if c == channel],
-        )
-        for channel in sorted({c for c, _, _ in messages})
-    ]
+def rows(messages):
+    """Return messages as the container takes them."""
+    whole = Layout((), tail=lambda _, data: data, is_stamped=False)
+    layouts = {channel: Row({channel: whole}) for channel, _, _ in messages}
+    return [(t, layouts[c], *layouts[c].fill(3, instant(t), data)) for c, t, data in messages]
 
 
 def written(*chunks):
@@ -47,7 +44,7 @@ def written(*chunks):
     for name in ("/one", "/two"):
         container.add_channel(name, f"message{name}", b"schema", {"unit": "m"})
     for messages in chunks:
-        container.add_messages(batches(messages))
+        container.add_messages(rows(messages))
     container.finish()
     stream.flush()
     return file.getvalue()
@@ -90,8 +87,8 @@ def test_readers_find_what_the_librarys_writer_would_have_written():
 
 
 def test_records_are_interleaved_by_time():
-    """Whoever reads front to back gets messages in order; equal times in the order of channels."""
-    records = StreamReader(BytesIO(written(list(reversed(MESSAGES[:2])) + MESSAGES[2:]))).records
+    """Whoever reads front to back gets messages in order; those of equal times as they were told."""
+    records = StreamReader(BytesIO(written(MESSAGES[2:] + MESSAGES[:2]))).records
     found = [(r.channel_id, r.log_time, r.data) for r in records if isinstance(r, Message)]
     assert found == MESSAGES
 

@@ -22,6 +22,8 @@ from orchestrator.recording.chunks import split
 from orchestrator.recording.diff import diff
 from orchestrator.recording.reader import Recording
 from orchestrator.recording.recorder import Recorder
+from orchestrator.recording.rows import Row, assemble, instant
+from orchestrator.recording.wire import Layout
 
 
 @pytest.fixture
@@ -125,30 +127,24 @@ def test_chunks_are_made_as_asked_and_hold_the_same(run, option):
         assert {chunk.compression for chunk in chunks} == {name}
 
 
-BATCHES = st.lists(
-    st.lists(st.tuples(st.integers(0, 9), st.binary(max_size=9)), min_size=1, max_size=6),
-    min_size=1,
-    max_size=4,
-)
+MESSAGES = st.lists(st.tuples(st.integers(0, 9), st.binary(max_size=9)), min_size=1, max_size=20)
+ROW = Row({1: Layout((), tail=lambda _, data: data, is_stamped=False)})
 
 
-@given(BATCHES, st.integers(0, 60))
-def test_a_split_loses_nothing_and_keeps_the_order(batches, size):
+@given(MESSAGES, st.integers(0, 400))
+def test_a_split_loses_nothing_and_keeps_the_order(messages, size):
     """Put together again it is what it was; parts follow in time and only an instant is too large."""
     whole = [
-        (k, *map(list, zip(*sorted(batch, key=lambda pair: pair[0]), strict=True)))
-        for k, batch in enumerate(batches)
+        (time, ROW, *ROW.fill(1, instant(time), data))
+        for time, data in sorted(messages, key=lambda message: message[0])
     ]
     parts = list(split(whole, size))
-    for k, times, records in whole:
-        mine = [(t, r) for part in parts for c, t, r in part if c == k]
-        assert list(chain.from_iterable(t for t, _ in mine)) == times
-        assert list(chain.from_iterable(r for _, r in mine)) == records
-    spans = [{time for _, times, _ in part for time in times} for part in parts]
+    assert list(chain.from_iterable(parts)) == whole
+    spans = [{time for time, *_ in part} for part in parts]
     assert all(max(a) < min(b) for a, b in pairwise(spans))
     for part, span in zip(parts, spans, strict=True):
-        assert all(times for _, times, _ in part)
-        assert len(span) == 1 or sum(len(r) for *_, records in part for r in records) <= size
+        assert part
+        assert len(span) == 1 or len(assemble(part)[0]) <= size
 
 
 def test_metrics_leave_out_what_was_not_recorded_and_say_so(run, capsys):

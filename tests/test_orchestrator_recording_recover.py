@@ -276,3 +276,15 @@ def test_any_bytes_are_no_recording(tmp_path_factory, data):
     with pytest.raises(ValueError, match="nothing to recover"):
         recover(broken, folder / "b.mcap")
     assert list(folder.iterdir()) == [broken]
+
+
+def test_an_ending_that_is_no_number_is_lost_and_said_to_be(glide, tmp_path):
+    """A turned bit in the summary, which no checksum of its own covers, ends in no fault later."""
+    whole = glide.read_bytes()
+    at = whole.index(b"end_ns") + len(b"end_ns") + 4
+    broken, out = tmp_path / "broken.mcap", tmp_path / "ok.mcap"
+    broken.write_bytes(whole[:at] + b"v" + whole[at + 1 :])
+    with pytest.raises(ValueError, match=r"broken\.mcap: is "):
+        Recording.open(broken)
+    assert "how the run ended" in recover(broken, out).lost
+    assert Recording.open(out).result.outcome == "interrupted"

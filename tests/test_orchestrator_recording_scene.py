@@ -13,6 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from orchestrator.recording.provenance import EPOCH_NS
 from orchestrator.recording.recorder import Recorder
+from orchestrator.recording.rows import messages as told_messages
 from orchestrator.recording.scene import Stage
 from orchestrator.recording.scene_terrain import MAX_POSTS, Box, mesh_entity, terrain_mesh
 from orchestrator.recording.streams import Stream
@@ -73,6 +74,13 @@ def file(tmp_path_factory):
     system = staged()
     tell(Recorder(path), system, flight(system, 3.0))
     return path
+
+
+def drawn(topic, *given):
+    """Return the messages of one topic for what is valid at some log times."""
+    told, refusals = Stream({1: topic}).records(given)
+    assert refusals == []
+    return [data for _, _, data in told_messages(told)]
 
 
 def poses(message):
@@ -155,16 +163,14 @@ def test_a_switched_off_scene_leaves_all_else_as_it_is(tmp_path):
         (("clearance", "terrain", "wind"), set()),
     ],
 )
-def test_a_missing_role_leaves_its_part_out(roles, expected):
+def test_a_missing_role_leaves_its_part_out(roles, expected, tmp_path):
     """Whatever roles a plant fills, it is told what can be drawn of them, and that is drawn."""
     system = staged(roles=roles)
-    planned = {topic.name for topic in topics(system, wall_clock=False) if topic.call == "scene"}
-    assert planned == {f"/scene/{name}" for name in expected}
-    stage, drawn = Stage(system), set()
-    for call, arguments in flight(system, 2.0):
-        if call == "outputs":
-            drawn |= {topic for topic, _ in stage.outputs(*arguments)}
-    assert drawn == planned
+    tell(Recorder(tmp_path / "a.mcap"), system, flight(system, 2.0))
+    found = {topic for topic, _, _ in messages(tmp_path / "a.mcap")}
+    assert found & ALL == {f"/scene/{name}" for name in expected}
+    planned = {topic.name for topic in topics(system, wall_clock=False)}
+    assert planned & ALL == found & ALL
 
 
 def test_a_terrain_that_cannot_be_drawn_is_left_out():
@@ -221,14 +227,14 @@ def test_the_trail_ends_at_the_craft_and_forgets():
     """Its last point is the craft's; the others are where it was, at most 60 s ago."""
     system = make_system([port("v", f"pose.{n}") for n in POSE], {"pose": "v.pose"})
     paths = next(t for t in topics(system, wall_clock=False) if t.name == "/scene/paths")
-    stage, stream = Stage(system), Stream(1, paths)
+    stage = Stage(system)
     from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
     for tick in range(0, 20 * 100 + 1, 4):
         values = dict.fromkeys((f"pose.{n}" for n in POSE), 0.0) | {"pose.north": 0.5 * tick}
-        for topic, drawn in stage.outputs(tick * TICK_NS, "v", values):
+        for topic, moment in stage.outputs(tick * TICK_NS, "v", values):
             if topic == "/scene/paths":
-                data = stream.message(EPOCH_NS + tick * TICK_NS, drawn)
+                (data,) = drawn(paths, (EPOCH_NS + tick * TICK_NS, moment))
                 (entity,) = SceneUpdate.FromString(data).entities
                 y = [point.y for point in entity.lines[0].points]
                 assert y[-1] == 0.5 * tick
@@ -246,7 +252,7 @@ def test_every_sensed_cell_is_drawn_once(sizes):
     """Of a ring, what came since the last look; of more than it holds, the newest."""
     system = staged(roles=("scan",))
     sensed = next(t for t in topics(system, wall_clock=False) if t.name == "/scene/sensed")
-    stage, stream, count = Stage(system), Stream(1, sensed), 0
+    stage, count = Stage(system), 0
     for tick, size in enumerate(sizes):
         cells = np.arange(count, count + size)[-40:]
         count += size
@@ -254,12 +260,12 @@ def test_every_sensed_cell_is_drawn_once(sizes):
         ring[cells % 40] = cells
         values = {f"scan.{name}": ring for name in ("north", "east", "elevation", "source")}
         values["scan.count"] = count
-        drawn = stage.outputs(tick * TICK_NS, "sensor", values)
-        assert len(drawn) == (size > 0)
-        for _, told in drawn:
+        moments = stage.outputs(tick * TICK_NS, "sensor", values)
+        assert len(moments) == (size > 0)
+        for data in drawn(sensed, *((EPOCH_NS, moment) for _, moment in moments)):
             from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
-            cloud = PointCloud.FromString(stream.message(EPOCH_NS, told))
+            cloud = PointCloud.FromString(data)
             points = np.frombuffer(cloud.data, "<f4").reshape(-1, 4)
             np.testing.assert_array_equal(points[:, 1], cells)
             assert cloud.point_stride == 16
@@ -278,13 +284,9 @@ def test_marks_show_height_and_wind(position, clearance, wind):
     marks = next(t for t in topics(system, wall_clock=False) if t.name == "/scene/marks")
     north, east, down = position
     pose = dict(zip((f"pose.{n}" for n in POSE), (*position, 0.1, 0.2, 0.3), strict=True))
-    told = {
-        "stamp": b"\x0a\x0c\x08\x80\x80\x80\x80\x00\x10\x80\x80\x80\x80\x00",
-        "pose": pose,
-        "clearance": {"clearance": clearance},
-        "wind": dict(zip(("wind.north", "wind.east", "wind.down"), wind, strict=True)),
-    }
-    update = SceneUpdate.FromString(Stream(1, marks).message(EPOCH_NS, told))
+    air = dict(zip(("wind.north", "wind.east", "wind.down"), wind, strict=True))
+    (data,) = drawn(marks, (EPOCH_NS, (pose | {"clearance": clearance}, air)))
+    update = SceneUpdate.FromString(data)
     stick, arrow = update.entities[0].lines[0].points, update.entities[1].arrows[0]
     assert [(p.x, p.y) for p in stick] == [(east, north)] * 2
     assert (stick[0].z, stick[1].z) == (-down, -down - clearance)

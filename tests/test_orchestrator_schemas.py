@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from orchestrator.recording.descriptors import identifier, message_class
+from orchestrator.recording.rows import messages
 from orchestrator.recording.schemas import channel, channels, variable_name
 from orchestrator.recording.streams import Stream
 from orchestrator.recording.topics import signals
@@ -22,7 +23,10 @@ NAMES = st.lists(
 
 def decoded(each, values):
     """Return the message that the official protobuf library reads from our bytes."""
-    data = Stream(1, signals(each, {})).message(0, values)
+    told, refusals = Stream({1: signals(each, {})}).records([(0, values)])
+    for refusal in refusals:
+        raise refusal
+    ((_, _, data),) = messages(told)
     return message_class(each.message, each.descriptors).FromString(data)
 
 

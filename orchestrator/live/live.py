@@ -18,7 +18,7 @@ from orchestrator.live.line import Line
 from orchestrator.live.pace import Pace
 from orchestrator.recording.feed import Feed
 from orchestrator.recording.provenance import EPOCH_NS
-from orchestrator.recording.streams import HEAD
+from orchestrator.recording.rows import messages
 from orchestrator.recording.topics import EVENTS, LOG, Topic
 from orchestrator.run.events import Change
 
@@ -183,13 +183,10 @@ class Live:
         if now > self._clock_at + CLOCK_S:
             self._server.broadcast_time(EPOCH_NS + self._time_ns)
             self._clock_at = now
-        batches, refusals = self._feed.take()
-        for number, times, records in batches:
-            channel = self._channels[number]
-            for log_time, record in zip(times, records, strict=True):
-                message = record[HEAD:]
-                self._last[number] = now, message
-                channel.log(message, log_time=log_time)
+        told, refusals = self._feed.take()
+        for number, log_time, message in messages(told):
+            self._last[number] = now, message
+            self._channels[number].log(message, log_time=log_time)
         for refusal in refusals:
             self._server.publish_status(f"{refusal}", StatusLevel.Error)
 

@@ -9,7 +9,7 @@ from orchestrator.errors import Problem, ScenarioError, nearest
 from orchestrator.recording.topics import Topic, topics
 from orchestrator.scenario.records import RecordingSpec
 
-REPEATED = ("outputs", "wall_clock")  # calls that come again and again; all others tell something
+REPEATED = ("outputs", "scene", "wall_clock")  # come again and again; all others tell something
 
 
 def chosen(planned: Iterable[Topic], spec: RecordingSpec) -> list[Topic]:
@@ -57,7 +57,7 @@ def check_recording(system: System) -> None:
 
 def _thinned(topic: Topic, every: Mapping[str, int]) -> Topic:
     n = next((n for pattern, n in every.items() if fnmatchcase(topic.name, pattern)), 1)
-    if n == 1 or topic.call not in REPEATED:
+    if n == 1 or topic.call not in REPEATED or topic.is_once:
         return topic
     return replace(topic, every=n, metadata={**topic.metadata, "every": f"{n}"})
 

@@ -2,14 +2,13 @@
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from itertools import accumulate, pairwise
+from operator import itemgetter
 from typing import Literal
 
-import numpy as np
 import zstandard
-from numpy.typing import NDArray
 
-Batch = tuple[int, Sequence[int], Sequence[bytes]]  # channel; log times in order, Message records
+from orchestrator.recording.rows import Told, row_bytes
+
 Compression = Literal["zstd", "lz4", "none"]
 
 # of zstd: as small as level 1 in half its time; level 3 is a seventh smaller and takes twice the time
@@ -29,33 +28,15 @@ def compressor(compression: Compression) -> tuple[str, Callable[[bytes], bytes]]
             return "", bytes
 
 
-def split(batches: Sequence[Batch], size: int) -> Iterator[Sequence[Batch]]:
-    """Yield the batches of chunks of at most ``size`` bytes, one after the other in time.
+def split(told: Sequence[Told], size: int) -> Iterator[Sequence[Told]]:
+    """Yield the rows of chunks of at most ``size`` bytes, one after the other in time.
 
     What belongs to one instant is not parted.
     """
-    first = min(times[0] for _, times, _ in batches)
-    last = max(times[-1] for _, times, _ in batches)
-    if first == last or sum(len(record) for *_, records in batches for record in records) <= size:
-        yield batches
+    first, last = told[0][0], told[-1][0]
+    if first == last or sum(map(row_bytes, told)) <= size:
+        yield told
         return
-    middle = (first + last + 1) // 2
-    cuts = [bisect_left(times, middle) for _, times, _ in batches]
-    parts = list(zip(batches, cuts, strict=True))
-    yield from split([(c, times[:k], records[:k]) for (c, times, records), k in parts if k], size)
-    yield from split(
-        [(c, times[k:], records[k:]) for (c, times, records), k in parts if k < len(times)], size
-    )
-
-
-def interleave(batches: Sequence[Batch]) -> tuple[bytes, list[NDArray[np.int64]]]:
-    """Return all records in the order of time; and times and offsets (K, 2) of every batch's."""
-    records = [record for _, _, records in batches for record in records]
-    index = np.empty((len(records), 2), "<i8")
-    index[:, 0] = [time for _, times, _ in batches for time in times]
-    order = np.argsort(index[:, 0], kind="stable")
-    sizes = np.fromiter(map(len, records), np.int64, len(records))[order]
-    index[order, 1] = np.cumsum(sizes) - sizes
-    data = b"".join([records[k] for k in order.tolist()])
-    bounds = accumulate((len(times) for _, times, _ in batches), initial=0)
-    return data, [index[i:j] for i, j in pairwise(bounds)]
+    k = bisect_left(told, (first + last + 1) // 2, key=itemgetter(0))
+    yield from split(told[:k], size)
+    yield from split(told[k:], size)

@@ -4,19 +4,17 @@ But for messages and their index: `mcap` writes them number by number, at severa
 encoding the messages.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import BufferedWriter
-from struct import pack
+from operator import itemgetter
+from struct import calcsize, pack
 
-import numpy as np
-from isal.isal_zlib import crc32
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    Chunk,
     ChunkIndex,
     DataEnd,
     Footer,
@@ -29,9 +27,10 @@ from mcap.records import (
     SummaryOffset,
 )
 from mcap.writer import MCAP0_MAGIC
-from numpy.typing import NDArray
+from zlib_ng.zlib_ng import crc32
 
-from orchestrator.recording.chunks import Batch, Compression, compressor, interleave, split
+from orchestrator.recording.chunks import Compression, compressor, split
+from orchestrator.recording.rows import Told, assemble
 
 
 class Container:
@@ -92,45 +91,42 @@ class Container:
             MetadataIndex(*self._put(_bytes(Metadata(name, dict(metadata)))), name)
         )
 
-    def add_messages(self, batches: Sequence[Batch]) -> None:
-        """Write the records of all channels as chunks, in the order of their log times.
-
-        Records of the same time are in the order of `batches`, of which none is empty.
-        """
-        if batches:
-            for part in split(batches, self._chunk_size):
+    def add_messages(self, told: Iterable[Told]) -> None:
+        """Write rows of records as chunks, in the order of their log times."""
+        rows = sorted(told, key=itemgetter(0))
+        if rows:
+            for part in split(rows, self._chunk_size):
                 self._add_chunk(part)
 
-    def _add_chunk(self, batches: Sequence[Batch]) -> None:
-        data, indices = interleave(batches)
+    def _add_chunk(self, told: Sequence[Told]) -> None:
+        data, index = assemble(told)
         compressed = self._compress(data)
-        chunk = Chunk(
-            compression=self._compression,
-            data=compressed,
-            message_start_time=min(times[0] for _, times, _ in batches),
-            message_end_time=max(times[-1] for _, times, _ in batches),
-            uncompressed_crc=crc32(data),
-            uncompressed_size=len(data),
-        )
-        records = _bytes(chunk)
-        start, length = self._stream.tell(), len(records)
-        places: dict[int, int] = {}
-        for (channel, times, _), index in zip(batches, indices, strict=True):
-            places[channel] = start + len(records)
-            records += _message_index(channel, index)
-            self._counts[channel] = self._counts.get(channel, 0) + len(times)
-        self._put(records)
+        times = told[0][0], told[-1][0]
+        name = self._compression.encode()
+        fields = *times, len(data), crc32(data), len(name), name, len(compressed)
+        head = pack(f"<QQQII{len(name)}sQ", *fields)
+        length = calcsize("<BQ") + len(head) + len(compressed)
+        records = [pack("<BQ", Opcode.CHUNK, len(head) + len(compressed)), head, compressed]
+        offsets: dict[int, int] = {}
+        start = self._stream.tell()
+        end = start + length
+        for channel, places in index.items():
+            offsets[channel] = end
+            records.append(_message_index(channel, places))
+            end += len(records[-1])
+            self._counts[channel] = self._counts.get(channel, 0) + len(places) // 2
+        self._put(b"".join(records))
         self._chunks.append(
             ChunkIndex(
                 chunk_start_offset=start,
                 chunk_length=length,
-                compression=chunk.compression,
+                compression=self._compression,
                 compressed_size=len(compressed),
-                message_start_time=chunk.message_start_time,
-                message_end_time=chunk.message_end_time,
-                message_index_offsets=places,
-                message_index_length=len(records) - length,
-                uncompressed_size=chunk.uncompressed_size,
+                message_start_time=times[0],
+                message_end_time=times[1],
+                message_index_offsets=offsets,
+                message_index_length=end - start - length,
+                uncompressed_size=len(data),
             )
         )
 
@@ -185,7 +181,8 @@ def _bytes(*records: McapRecord) -> bytes:
     return builder.end()
 
 
-def _message_index(channel: int, index: NDArray[np.int64]) -> bytes:
+def _message_index(channel: int, places: Sequence[int]) -> bytes:
     """Return a MessageIndex record as the library's would write itself, number by number."""
-    size = index.nbytes
-    return pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + size, channel, size) + index.tobytes()
+    size = 8 * len(places)
+    head = Opcode.MESSAGE_INDEX, 6 + size, channel, size
+    return pack(f"<BQHI{len(places)}Q", *head, *places)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from io import BytesIO
 
 import zstandard
-from isal.isal_zlib import crc32
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -21,6 +20,7 @@ from mcap.records import (
 )
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
+from zlib_ng.zlib_ng import crc32
 
 # whatever reading a file raises that is not, or not any more, what its writer wrote
 DAMAGE = (

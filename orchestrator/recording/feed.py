@@ -7,11 +7,12 @@ from typing import Any
 from orchestrator.assembly.system import System
 from orchestrator.component import Value
 from orchestrator.recording.choice import chosen
-from orchestrator.recording.chunks import Batch
 from orchestrator.recording.provenance import EPOCH_NS
+from orchestrator.recording.rows import Told
 from orchestrator.recording.scene import Stage
-from orchestrator.recording.streams import Row, Stream, instant
-from orchestrator.recording.topics import topics
+from orchestrator.recording.streams import Given, Stream
+from orchestrator.recording.topics import Topic, topics
+from orchestrator.recording.wire import Values
 
 Source = tuple[str, str]  # listener call and component; none where it is for all
 
@@ -47,85 +48,88 @@ class Feed:
         self.topics = chosen(topics(system, wall_clock=self.has_wall_clock), spec)
         self._stage = Stage(system)
         self._streams: list[tuple[Source, Stream]] = []
-        self._rows: dict[Source, list[Row]] = {}
+        self._given: dict[Source, list[Given]] = {}
         self._parameters: dict[str, dict[str, Value]] = {}  # all current values by component
         self._steps: dict[str, float] = {}  # measured durations at self._steps_ns, by component
         self._steps_ns = -1
         self._unmeasured = dict.fromkeys(system.ports, 0.0)
-        self._time_ns = -1
-        self._instant = b""
 
     def start(self, channels: Iterable[int]) -> None:
         """Begin to keep what is told, for the channels of the topics."""
+        rows: dict[object, dict[int, Topic]] = {}
         for channel, topic in zip(channels, self.topics, strict=True):
-            source = topic.call, topic.component
-            self._streams.append((source, Stream(channel, topic)))
-            self._rows[source] = []
+            rows.setdefault(topic.row, {})[channel] = topic
+            self._given[topic.source] = []
+        for together in rows.values():
+            source = next(iter(together.values())).source
+            self._streams.append((source, Stream(together)))
 
-    def outputs(self, time_ns: int, component: str, values: Mapping[str, Value]) -> None:
+    def outputs(self, time_ns: int, component: str, values: Values) -> None:
         """Keep a component's outputs, and what is drawn of them.
 
         Wholly discrete groups become records where they changed.
         """
-        self._keep(time_ns, ("outputs", component), values)
+        self._give(time_ns, ("outputs", component), values)
         for topic, drawn in self._stage.outputs(time_ns, component, values):
-            self._keep(time_ns, ("scene", topic), drawn)
+            self._give(time_ns, ("scene", topic), drawn)
 
     def inputs(self, time_ns: int, component: str, values: Mapping[str, Value]) -> None:
         """Keep the given inputs; the others are absent from the message."""
-        self._keep(time_ns, ("inputs", component), values)
+        self._give(time_ns, ("inputs", component), values)
 
     def parameters(self, time_ns: int, component: str, values: Mapping[str, Value]) -> None:
         """Keep all parameters of a component, of which `values` are new."""
         current = self._parameters.get(component, {}) | dict(values)
         self._parameters[component] = current
-        self._keep(time_ns, ("parameters", component), current)
+        self._give(time_ns, ("parameters", component), current)
 
     def event(self, time_ns: int, kind: str, component: str, message: str) -> None:
         """Keep what happened, unless it is a measurement that nobody asked for."""
         if kind != "overrun" or component not in self.untimed:
             values = {"kind": kind, "component": component, "message": message}
-            self._keep(time_ns, ("event", ""), values)
+            self._give(time_ns, ("event", ""), values)
             level = logging.INFO if kind in ("set", "end") else logging.WARNING
             self.log(time_ns, level, component, f"{kind}: {message}")  # for viewers
 
     def log(self, time_ns: int, level: int, name: str, message: str) -> None:
         """Keep a line of text; levels of `logging` are ten times those of `foxglove.Log`."""
         values = {"level": min(max(level // 10, 1), 5), "name": name, "message": message}
-        self._keep(time_ns, ("log", ""), values)
+        self._give(time_ns, ("log", ""), values)
 
     def wall_clock(self, time_ns: int, component: str, elapsed_s: float) -> None:
         """Keep the measured duration of a step, if wanted; one message tells all of an instant."""
-        if time_ns != self._steps_ns:
+        if time_ns != self._steps_ns or not self._steps:
+            self._give_steps()
             self._steps = dict(self._unmeasured)
             self._steps_ns = time_ns
-            self._keep(time_ns, ("wall_clock", ""), self._steps)
         self._steps[component] += elapsed_s
 
-    def take(self) -> tuple[list[Batch], list[ValueError]]:
-        """Return the records of what was kept since the last time; and why some cannot be made."""
-        batches: list[Batch] = []
+    def take(self) -> tuple[list[Told], list[ValueError]]:
+        """Return the records of what was told since the last time; and why some cannot be made."""
+        self._give_steps()
+        told: list[Told] = []
         refusals: list[ValueError] = []
         for source, stream in self._streams:
-            if self._rows[source]:
-                times, records, refusal = stream.records(self._rows[source])
-                if records:
-                    batches.append((stream.channel, times, records))
-                refusals += [] if refusal is None else [refusal]
-        for rows in self._rows.values():
-            rows.clear()
-        return batches, refusals
+            if self._given[source]:
+                records, why = stream.records(self._given[source])
+                told += records
+                refusals += why
+        for given in self._given.values():
+            given.clear()
+        return told, refusals
 
     def stop(self) -> None:
-        """Forget what was kept, and keep nothing more."""
+        """Forget what was told, and keep nothing more."""
         self._streams.clear()
-        self._rows.clear()
+        self._given.clear()
 
-    def _keep(self, time_ns: int, source: Source, values: Mapping[str, Any]) -> None:
+    def _give_steps(self) -> None:
+        if self._steps:
+            self._give(self._steps_ns, ("wall_clock", ""), self._steps)
+            self._steps = {}
+
+    def _give(self, time_ns: int, source: Source, values: Any) -> None:
         """Keep values until they are taken: nobody changes them."""
-        if time_ns != self._time_ns:
-            self._time_ns = time_ns
-            self._instant = instant(EPOCH_NS + time_ns)
-        rows = self._rows.get(source)
-        if rows is not None:
-            rows.append((EPOCH_NS + time_ns, self._instant, values))
+        given = self._given.get(source)
+        if given is not None:
+            given.append((EPOCH_NS + time_ns, values))

@@ -40,6 +40,7 @@ class Recording:
     `recording["vehicle.state.u"]` is `(times_s, values)`, as in a trace: simulated seconds (n,) and
     values (n,) or (n, *shape). A variable that was only written where it changed has that many
     samples. ``components`` is what :mod:`orchestrator.recording.inventory` says of each.
+    ``result`` is how the run ended; its measured times are 0 where the wall clock was not recorded.
     ``recovered`` says what is missing from one that was made whole; it is empty otherwise.
     """
 
@@ -52,6 +53,7 @@ class Recording:
     provenance: Mapping[str, str]
     scene: Mapping[str, str]
     summary: Mapping[str, str]
+    result: Result
     recovered: Mapping[str, str]
 
     @classmethod
@@ -87,19 +89,6 @@ class Recording:
         signal = self.signals[name]
         times_ns, values = column(self.topics[signal.topic], signal)
         return times_ns / 1e9, values
-
-    @cached_property
-    def result(self) -> Result:
-        """How the run ended; its measured times are 0 where the wall clock was not recorded."""
-        entries = self.summary
-        return Result(
-            outcome=entries.get("outcome", ""),
-            reason=entries.get("reason", ""),
-            time_ns=int(entries.get("end_ns", "0")),
-            counts=json.loads(entries.get("counts", "{}")),
-            cpu_s=float(entries.get("cpu_s", "0")),
-            wall_s=float(entries.get("wall_s", "0")),
-        )
 
     @cached_property
     def events(self) -> list[Event]:
@@ -140,6 +129,24 @@ def content(path: Path) -> bytes:
         raise OSError(f"{path}: cannot be read, {error.strerror}") from error
 
 
+def ending(summary: Mapping[str, str]) -> Result:
+    """Return how a run ended.
+
+    Raises
+    ------
+    ValueError
+        If a number in it is none.
+    """
+    return Result(
+        outcome=summary.get("outcome", ""),
+        reason=summary.get("reason", ""),
+        time_ns=int(summary.get("end_ns", "0")),
+        counts=json.loads(summary.get("counts", "{}")),
+        cpu_s=float(summary.get("cpu_s", "0")),
+        wall_s=float(summary.get("wall_s", "0")),
+    )
+
+
 def recording(path: Path, contents: Contents) -> Recording:
     """Return a file's contents as a recording.
 
@@ -169,6 +176,8 @@ def recording(path: Path, contents: Contents) -> Recording:
         found = [signal for name, topic in topics.items() for signal in signals(name, topic)]
         plain = {name: json.loads(attached[name].data) for name in JSON if name in attached}
         scene = tables["hedgehop.scene"]
+        summary = tables.get("hedgehop.summary", {})
+        result = ending(summary)
     except (LookupError, ValueError, DecodeError) as error:
         raise ValueError(f"{path}: is damaged, {error}, {EXPECTED}") from error
     return Recording(
@@ -180,6 +189,7 @@ def recording(path: Path, contents: Contents) -> Recording:
         components=plain.get(INVENTORY, {}),
         provenance=tables["hedgehop.provenance"],
         scene=scene,
-        summary=tables.get("hedgehop.summary", {}),
+        summary=summary,
+        result=result,
         recovered=tables.get("hedgehop.recovered", {}),
     )

@@ -158,9 +158,9 @@ class Recorder:
         container, file, feed = self._container, self._file, self._feed
         if container is None or file is None or feed is None or self.failure is not None:
             return
-        batches, refusals = feed.take()
+        told, refusals = feed.take()
         try:
-            container.add_messages(batches)
+            container.add_messages(told)
             self._flush_file(file)
         except OSError as error:
             self._fail(error)

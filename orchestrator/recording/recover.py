@@ -8,7 +8,6 @@ from io import BufferedWriter
 from pathlib import Path
 from struct import pack
 
-from mcap.opcode import Opcode
 from mcap.records import Message
 
 from orchestrator.recording.container import Container
@@ -16,10 +15,12 @@ from orchestrator.recording.contents import Contents, summary_start
 from orchestrator.recording.inventory import INVENTORY
 from orchestrator.recording.messages import Messages, column, signals
 from orchestrator.recording.provenance import EPOCH_NS
-from orchestrator.recording.reader import Recording, content
+from orchestrator.recording.reader import Recording, content, ending
+from orchestrator.recording.rows import Row, Told
 from orchestrator.recording.salvage import salvage
 from orchestrator.recording.topics import EVENTS
 from orchestrator.recording.whole import whole
+from orchestrator.recording.wire import Instant, Layout
 
 SUMMARY, RECOVERED = "hedgehop.summary", "hedgehop.recovered"  # names of metadata
 
@@ -146,6 +147,11 @@ def _mend(contents: Contents, file: Path) -> list[str]:
         lost.append("versions and hashes")
     if "hedgehop.scene" not in tables:
         tables["hedgehop.scene"] = json.loads(attached["scenario.json"].data)["scene"]
+    try:
+        ending(tables.get(SUMMARY, {}))
+    except ValueError:
+        del tables[SUMMARY]
+        lost.append("how the run ended")
     return lost
 
 
@@ -209,18 +215,14 @@ def _write(stream: BufferedWriter, contents: Contents) -> None:
         numbers[number] = container.add_channel(
             channel.topic, schema.name, schema.data, channel.metadata
         )
+    whole_message = Layout((), tail=lambda _, data: data, is_stamped=False)
+    rows = {number: Row({number: whole_message}) for number in numbers.values()}
     for chunk in contents.chunks:
-        batches: dict[int, tuple[list[int], list[bytes]]] = {}
-        for message in sorted(chunk, key=lambda message: message.log_time):
-            times, records = batches.setdefault(numbers[message.channel_id], ([], []))
-            times.append(message.log_time)
-            records.append(_record(numbers[message.channel_id], message))
-        container.add_messages([(number, *both) for number, both in sorted(batches.items())])
+        told: list[Told] = []
+        for message in chunk:
+            row = rows[numbers[message.channel_id]]
+            times = pack("<QQ", message.log_time, message.publish_time)
+            at = Instant(message.log_time, b"", times)
+            told.append((message.log_time, row, *row.fill(message.sequence, at, message.data)))
+        container.add_messages(told)
     container.finish()
-
-
-def _record(channel: int, message: Message) -> bytes:
-    """Return a message as a record of another channel."""
-    times = message.log_time, message.publish_time
-    head = pack("<HIQQ", channel, message.sequence, *times)
-    return pack("<BQ", Opcode.MESSAGE, len(head) + len(message.data)) + head + message.data

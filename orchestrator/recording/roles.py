@@ -1,9 +1,10 @@
 """The roles of a scenario's scene that are drawn: which variables of which component fill them."""
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from orchestrator.assembly.description import Port, members
+from orchestrator.recording.wire import pick
 
 POSE = ("north", "east", "down", "phi", "theta", "psi")
 POSITION = ("north", "east", "down")
@@ -20,11 +21,22 @@ Scene = Mapping[str, str]
 Ports = Mapping[str, Mapping[str, Port]]
 
 
+Look = Callable[[Any], tuple[Any, ...]]  # at what a row holds, for the values of a role
+
+
 class Filled(NamedTuple):
     """Who fills a role: a component, and the names of its variables."""
 
     component: str
     names: tuple[str, ...]
+
+    def look(self, sources: Sequence[str]) -> Look:
+        """Return how to find them in the values of one component, or in a tuple of several's."""
+        find = pick(self.names)
+        if len(sources) == 1:
+            return find
+        k = sources.index(self.component)
+        return lambda values: find(values[k])
 
 
 def filled(scene: Scene, ports: Ports) -> dict[str, Filled]:
@@ -41,10 +53,10 @@ def filled(scene: Scene, ports: Ports) -> dict[str, Filled]:
     return made
 
 
-def beside(cells: Filled, member: str, ports: Ports) -> str | None:
-    """Return the name of a further member of a group, if it has one."""
+def beside(cells: Filled, member: str, ports: Ports) -> Filled | None:
+    """Return a further member of a group, if it has one."""
     name = f"{cells.names[0].rpartition('.')[0]}.{member}"
-    return name if name in ports[cells.component] else None
+    return Filled(cells.component, (name,)) if name in ports[cells.component] else None
 
 
 def _group(role: str, named: str, ports: Ports) -> Filled:

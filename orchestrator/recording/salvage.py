@@ -10,10 +10,10 @@ import re
 from collections.abc import Iterator
 from struct import unpack_from
 
-from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import Chunk, McapRecord, Message, Statistics
 from mcap.writer import MCAP0_MAGIC
+from zlib_ng.zlib_ng import crc32
 
 from orchestrator.recording.contents import DAMAGE, HEAD, Contents, parse, summary_start
 

@@ -5,9 +5,9 @@ in itself, so that a viewer may begin anywhere; what does not change is on topic
 written once. Everything is in the frame `map` but the craft, which is in `heli`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from operator import itemgetter
 from typing import Any, Literal
 
@@ -19,11 +19,10 @@ from google.protobuf.message import Message
 from numpy.typing import NDArray
 
 from orchestrator.assembly.system import System
-from orchestrator.component import Value
-from orchestrator.recording.provenance import EPOCH_NS
-from orchestrator.recording.roles import Filled, beside, filled
+from orchestrator.recording.frames import ned_to_enu
+from orchestrator.recording.roles import Filled, Look, beside, filled
 from orchestrator.recording.scene_craft import craft, rotor
-from orchestrator.recording.scene_marks import TRAIL, marks, paths, sensed
+from orchestrator.recording.scene_marks import POINTS, marks, paths, sensed
 from orchestrator.recording.scene_profile import profile
 from orchestrator.recording.scene_terrain import (
     Mesh,
@@ -32,10 +31,13 @@ from orchestrator.recording.scene_terrain import (
     mesh_entity,
     terrain_mesh,
 )
-from orchestrator.recording.wire import Layout, Values, timestamp
+from orchestrator.recording.wire import Layout, Values
+
+Roles = Mapping[str, Filled]
 
 KNOT_NS = 1_000_000_000  # between points of the trail
 NONE = np.arange(0)
+TRAIL, FRESH = "trail", "fresh"  # sources beside the components: points behind, indices of cells
 
 
 @dataclass(frozen=True)
@@ -45,10 +47,10 @@ class Part:
     Attributes
     ----------
     layout
-        Takes, by role, the newest values of the component that fills it; further ``time_ns``,
-        ``stamp``, ``trail`` (north, east, down in m (n, 3)), ``fresh`` (indices of cells).
-    reads
-        Roles that it needs; it is drawn at publishings of the first.
+        Takes the values of the only source, or a tuple of those of all.
+    sources
+        The components whose newest values it shows, and `TRAIL` or `FRESH`; it is drawn at
+        publishings of the first.
     when
         At which of them: all, the first, those that bring cells, or once a second.
     """
@@ -56,14 +58,14 @@ class Part:
     topic: str
     message: type[Message]
     layout: Layout
-    reads: tuple[str, ...]
+    sources: tuple[str, ...]
     when: Literal["always", "once", "fresh", "knot"] = "always"
     units: Mapping[str, str] = field(default_factory=dict[str, str])  # of fields
 
-    @cached_property
-    def needs(self) -> frozenset[str]:
-        """The same roles, unordered."""
-        return frozenset(self.reads)
+    @property
+    def is_plain(self) -> bool:
+        """Whether everything that is told of one component is all that it takes."""
+        return len(self.sources) == 1 and self.when in ("always", "once")
 
 
 def parts(system: System) -> list[Part]:
@@ -77,35 +79,21 @@ def parts(system: System) -> list[Part]:
     if not system.scenario.recording.scene:
         return []
     roles = filled(system.scenario.scene, system.ports)
-    pose, clearance, wind, scan = (roles.get(k) for k in ("pose", "clearance", "wind", "scan"))
-    lines = tuple(role for role in ("path", "reference", "pose") if role in roles)
     made: list[Part] = []
-    if pose is not None:
-        body = _drawn(lambda values: craft(values["stamp"]), is_stamped=False)
+    if "pose" in roles:
         made += _terrain(system, roles)
-        made.append(Part("/scene/craft", SceneUpdate, body, ("pose",), "once"))
-        made.append(Part("/scene/rotor", FrameTransform, rotor(), ("pose",)))
-        numbers = profile(roles)
-        reads = ("reference", "pose") if "reference" in roles else ("pose",)
-        reads += tuple(role for role in ("clearance", "velocity") if role in roles)
-        when = "knot" if reads[0] == "pose" else "always"
-        layout, units = numbers.layout, numbers.units
-        made.append(Part("/scene/profile", numbers.message, layout, reads, when, units))
-    if pose is not None and (clearance or wind):
-        reads = tuple(role for role in ("pose", "clearance", "wind") if role in roles)
-        made.append(Part("/scene/marks", SceneUpdate, marks(pose, clearance, wind), reads))
-    if lines:
-        layout = paths(*(roles.get(role) for role in ("path", "reference", "pose")))
-        when = "knot" if lines == ("pose",) else "always"
-        made.append(Part("/scene/paths", SceneUpdate, layout, lines, when))
-    if scan is not None:
-        layout = sensed(scan, beside(scan, "source", system.ports))
-        made.append(Part("/scene/sensed", PointCloud, layout, ("scan",), "fresh"))
+        made += [_craft(roles), _rotor(roles), _profile(roles)]
+        if "clearance" in roles or "wind" in roles:
+            made.append(_marks(roles))
+    if roles.keys() & {"path", "reference", "pose"}:
+        made.append(_paths(roles))
+    if "scan" in roles:
+        made.append(_sensed(roles["scan"], system))
     return made
 
 
 class Stage:
-    """Hears what components publish, and tells what is to be drawn of it.
+    """Hears what components publish, and tells what is to be drawn of several of them.
 
     Raises
     ------
@@ -115,89 +103,133 @@ class Stage:
 
     def __init__(self, system: System) -> None:
         roles = filled(system.scenario.scene, system.ports)
-        self._parts: dict[str, list[Part]] = {}  # by the component that their first role is of
-        self._roles: dict[str, list[str]] = {}  # by component
-        drawn = parts(system)
-        for part in drawn:
-            self._parts.setdefault(roles[part.reads[0]].component, []).append(part)
-        for role in sorted({role for part in drawn for role in part.reads}):
-            self._roles.setdefault(roles[role].component, []).append(role)
-        self._newest: dict[str, Any] = {}
-        self._position = itemgetter(*roles["pose"].names[:3]) if "pose" in roles else None
-        self._trail = np.empty((0, 3))
+        joint = [part for part in parts(system) if not part.is_plain]
+        self._parts: dict[str, list[Part]] = {}  # by the component that they follow
+        for part in joint:
+            self._parts.setdefault(part.sources[0], []).append(part)
+        self._heard = {source for part in joint for source in part.sources}
+        self._newest: dict[str, Any] = {TRAIL: {TRAIL: np.empty((0, 3))}}
+        pose, scan = roles.get("pose"), roles.get("scan")
+        self._craft = None if pose is None or TRAIL not in self._heard else pose.component
+        self._position = itemgetter(*pose.names[:3]) if pose is not None else None
         self._knot_ns = 0
-        self._fresh = _fresh_cells(roles["scan"], system) if "scan" in roles else None
+        self._sensor = None if scan is None or FRESH not in self._heard else scan.component
+        self._fresh = _fresh_cells(scan, system) if scan is not None else None
 
-    def outputs(
-        self, time_ns: int, component: str, values: Mapping[str, Value]
-    ) -> list[tuple[str, Values]]:
+    def outputs(self, time_ns: int, component: str, values: Values) -> Iterable[tuple[str, Any]]:
         """Return the topics that are drawn now, with what their layouts take."""
-        roles = self._roles.get(component)
-        if roles is None:
-            return []
+        if component not in self._heard:
+            return ()
         newest = self._newest
-        for role in roles:
-            newest[role] = values
-        is_knot = "pose" in roles and self._knot(time_ns, values)
-        is_fresh = "scan" in roles and self._look(values)
-        drawn = [
-            part
+        newest[component] = values
+        is_knot = component == self._craft and self._knot(time_ns, values)
+        is_fresh = component == self._sensor and self._look(values)
+        return [
+            (part.topic, _held([newest[source] for source in part.sources]))
             for part in self._parts.get(component, ())
             if (part.when != "knot" or is_knot)
             and (part.when != "fresh" or is_fresh)
-            and newest.keys() >= part.needs
+            and all(source in newest for source in part.sources)
         ]
-        if not drawn:
-            return []
-        if drawn[0].when == "once":  # these are the first of all parts
-            done = [part for part in drawn if part.when == "once"]
-            self._parts[component] = [p for p in self._parts[component] if p not in done]
-        stamp = timestamp(EPOCH_NS + time_ns)
-        moment = {**newest, "time_ns": time_ns, "stamp": stamp, "trail": self._trail}
-        return [(part.topic, moment) for part in drawn]
 
-    def _look(self, values: Mapping[str, Value]) -> bool:
+    def _look(self, values: Values) -> bool:
         """Tell whether a sensor has brought cells, and keep which."""
-        if self._fresh is None:
-            return False
-        self._newest["fresh"] = fresh = self._fresh(values)
+        assert self._fresh is not None
+        fresh = self._fresh(values)
+        self._newest[FRESH] = {FRESH: fresh}
         return fresh.size > 0
 
-    def _knot(self, time_ns: int, values: Mapping[str, Value]) -> bool:
+    def _knot(self, time_ns: int, values: Values) -> bool:
         """Add a point to the trail, if one is due."""
-        if time_ns < self._knot_ns or self._position is None:
+        if time_ns < self._knot_ns:
             return False
+        assert self._position is not None
         self._knot_ns = time_ns + KNOT_NS
-        self._trail = np.vstack([self._trail, self._position(values)])[-TRAIL:]
+        point = ned_to_enu(*self._position(values))
+        trail = np.vstack([self._newest[TRAIL][TRAIL], point])
+        self._newest[TRAIL] = {TRAIL: trail[-POINTS:]}
         return True
 
 
-def _terrain(system: System, roles: Mapping[str, Filled]) -> list[Part]:
+def _held(values: Sequence[Values]) -> Any:
+    return values[0] if len(values) == 1 else values
+
+
+def _sources(roles: Roles, names: Iterable[str]) -> tuple[str, ...]:
+    """Return the components of those roles that are filled, each once."""
+    return tuple(dict.fromkeys(roles[name].component for name in names if name in roles))
+
+
+def _looks(roles: Roles, sources: Sequence[str]) -> dict[str, Look]:
+    return {name: r.look(sources) for name, r in roles.items() if r.component in sources}
+
+
+def _terrain(system: System, roles: Roles) -> list[Part]:
     """Return the ground around the flight, as far as it can be told from its start."""
     name = system.scenario.scene.get("terrain", "").removeprefix("${").removesuffix("}")
     ground: Any = system.resources.get(name)
     if not hasattr(ground, "surface"):
         return []
     mesh_in = lru_cache(1)(partial(terrain_mesh, ground))
-    where = itemgetter(*roles["pose"].names[:2])
-    speed = itemgetter(*roles["velocity"].names[:2]) if "velocity" in roles else None
+    sources = _sources(roles, ("pose", "velocity"))
+    look = _looks(roles, sources)
 
-    def mesh(values: Values) -> Mesh:
-        way = (0.0, 0.0) if speed is None else speed(values["velocity"])
-        north, east = (v * system.scenario.duration_s for v in way)
-        return mesh_in(flight_box(where(values["pose"]), (north, east)))
+    def mesh(values: Any) -> Mesh:
+        north, east, *_ = look["pose"](values)
+        way = look["velocity"](values)[:2] if "velocity" in look else (0.0, 0.0)
+        to_north, to_east = (v * system.scenario.duration_s for v in way)
+        return mesh_in(flight_box((north, east), (to_north, to_east)))
 
-    reads = ("pose", "velocity") if speed is not None else ("pose",)
-    shape = _drawn(lambda values: mesh_entity(mesh(values), values["stamp"]), is_stamped=False)
-    points = _drawn(lambda values: cloud_of(mesh(values)), is_stamped=True)
+    shape = Layout((), tail=lambda at, v: mesh_entity(mesh(v), at.stamp), is_stamped=False)
+    points = Layout((), tail=lambda _, values: cloud_of(mesh(values)))
     return [
-        Part("/scene/terrain", SceneUpdate, shape, reads, "once"),
-        Part("/scene/terrain_points", PointCloud, points, reads, "once"),
+        Part("/scene/terrain", SceneUpdate, shape, sources, "once"),
+        Part("/scene/terrain_points", PointCloud, points, sources, "once"),
     ]
 
 
-def _drawn(draw: Callable[[Values], bytes], *, is_stamped: bool) -> Layout:
-    return Layout((), lambda _: (), lambda values: [draw(values)], is_stamped)
+def _craft(roles: Roles) -> Part:
+    body = Layout((), tail=lambda at, _: craft(at.stamp), is_stamped=False)
+    return Part("/scene/craft", SceneUpdate, body, _sources(roles, ("pose",)), "once")
+
+
+def _rotor(roles: Roles) -> Part:
+    return Part("/scene/rotor", FrameTransform, rotor(), _sources(roles, ("pose",)))
+
+
+def _profile(roles: Roles) -> Part:
+    """Return the flight in numbers, along a reference if there is one, else once a second."""
+    sources = _sources(roles, ("reference", "pose", "clearance", "velocity"))
+    numbers = profile(_looks(roles, sources))
+    when = "always" if "reference" in roles else "knot"
+    return Part("/scene/profile", numbers.message, numbers.layout, sources, when, numbers.units)
+
+
+def _marks(roles: Roles) -> Part:
+    sources = _sources(roles, ("pose", "clearance", "wind"))
+    look = _looks(roles, sources)
+    layout = marks(look["pose"], look.get("clearance"), look.get("wind"))
+    return Part("/scene/marks", SceneUpdate, layout, sources)
+
+
+def _paths(roles: Roles) -> Part:
+    """Return the lines, as often as there is a new one ahead, else once a second."""
+    trail = Filled(TRAIL, (TRAIL,))
+    roles = {**roles, TRAIL: trail} if "pose" in roles else roles
+    sources = _sources(roles, ("path", "reference", "pose", TRAIL))
+    look = _looks(roles, sources)
+    behind = (look["pose"], look[TRAIL]) if "pose" in roles else None
+    layout = paths(look.get("path"), look.get("reference"), behind)
+    when = "always" if roles.keys() & {"path", "reference"} else "knot"
+    return Part("/scene/paths", SceneUpdate, layout, sources, when)
+
+
+def _sensed(scan: Filled, system: System) -> Part:
+    sources = scan.component, FRESH
+    source = beside(scan, "source", system.ports)
+    fresh = Filled(FRESH, (FRESH,)).look(sources)
+    layout = sensed(scan.look(sources), source.look(sources) if source else None, fresh)
+    return Part("/scene/sensed", PointCloud, layout, sources, "fresh")
 
 
 def _fresh_cells(scan: Filled, system: System) -> Callable[[Values], NDArray[np.int64]]:
@@ -216,7 +248,7 @@ def _fresh_cells(scan: Filled, system: System) -> Callable[[Values], NDArray[np.
         if counter is None:
             seen[0] = values[north]
             return NONE if seen[0] is last else np.arange(size)
-        seen[0] = count = int(values[counter])
+        seen[0] = count = int(values[counter.names[0]])
         if count == last:
             return NONE
         new = count - last if count >= last else count  # it may have been restarted

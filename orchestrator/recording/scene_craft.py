@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchestrator.recording.frames import BODY
+from orchestrator.recording.provenance import EPOCH_NS
 from orchestrator.recording.scene_primitives import (
     CUBE,
     TURN_Z,
@@ -26,7 +27,7 @@ from orchestrator.recording.scene_primitives import (
     xyz,
 )
 from orchestrator.recording.views import QUATERNION
-from orchestrator.recording.wire import Layout, Values, delimited, nested, packer
+from orchestrator.recording.wire import Instant, Layout, constant, delimited, nested
 
 ROTOR_RADIUS = 1.535
 TURNS_PER_S = 1.3  # not the rotor's 850 per minute: drawn 20 times a second, that looks like noise
@@ -35,7 +36,7 @@ TAIL = (-1.86, 0.09, 0.2)
 TAIL_RADIUS = 0.26
 
 ROTOR = "rotor"  # the frame that turns
-SIDEWAYS = (packer(QUATERNION)([(sqrt(0.5), 0.0, 0.0, sqrt(0.5))]),)
+SIDEWAYS = (constant(QUATERNION, sqrt(0.5), 0.0, 0.0, sqrt(0.5)),)
 AROUND = 16  # points of a section of the fuselage
 
 Point = tuple[float, float, float]
@@ -78,11 +79,11 @@ def rotor() -> Layout:
     frames = delimited(2, BODY.encode()) + delimited(3, ROTOR.encode())
     pieces = (frames, *nested(4, xyz(*MAST)), *nested(5, *TURN_Z))
 
-    def scalars(values: Values) -> tuple[float, float]:
-        half = -0.5 * tau * (TURNS_PER_S * values["time_ns"] * 1e-9 % 1.0)
+    def computed(instant: Instant, _: object) -> tuple[float, float]:
+        half = -0.5 * tau * (TURNS_PER_S * (instant.time_ns - EPOCH_NS) * 1e-9 % 1.0)
         return sin(half), cos(half)
 
-    return Layout(pieces, scalars)
+    return Layout(pieces, computed=computed)
 
 
 def _body() -> list[Solid]:

@@ -15,15 +15,15 @@ from orchestrator.recording.wire import (
     STAMP,
     VARINT,
     columns,
+    constant,
     delimited,
     nested,
-    packer,
     tag,
 )
 
 Floats = NDArray[np.float64]
 Pieces = tuple[bytes | str, ...]
-ORIGIN = packer(VECTOR)([(0.0, 0.0, 0.0)])
+ORIGIN = constant(VECTOR, 0.0, 0.0, 0.0)
 Color = tuple[float, float, float, float]  # red, green, blue, alpha: 0 to 1
 
 ARROW, CUBE, CYLINDER, LINE, TRIANGLES = 7, 8, 10, 11, 12  # fields of foxglove.SceneEntity
@@ -40,12 +40,12 @@ def entity(frame: str, name: str, *primitives: bytes | str, stamp: bytes | str =
 
 def color(number: int, rgba: Color) -> bytes:
     """Return a colour in a field."""
-    return delimited(number, packer(QUATERNION)([rgba]))
+    return delimited(number, constant(QUATERNION, *rgba))
 
 
 def xyz(x: float, y: float, z: float) -> bytes:
     """Return what a vector or point consists of."""
-    return packer(VECTOR)([(x, y, z)])
+    return constant(VECTOR, x, y, z)
 
 
 def pose(number: int, position: Pieces = (ORIGIN,), turn: Pieces = (UPRIGHT,)) -> Pieces:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import degrees, hypot
+from typing import Any
 
 import numpy as np
 from google.protobuf.message import Message
@@ -10,8 +11,8 @@ from google.protobuf.message import Message
 from orchestrator.assembly.description import Port
 from orchestrator.assembly.units import Unit
 from orchestrator.recording.descriptors import descriptors, message_class
-from orchestrator.recording.roles import Filled
-from orchestrator.recording.wire import Layout, Values, WireField, layout
+from orchestrator.recording.roles import Look
+from orchestrator.recording.wire import Instant, Layout, WireField, layout
 
 UNITS = {
     "altitude": "m",
@@ -33,29 +34,26 @@ class Profile:
     layout: Layout
 
 
-def profile(roles: Mapping[str, Filled]) -> Profile:
+def profile(look: Mapping[str, Look]) -> Profile:
     """Return what can be told of the roles; of the reference, where it is nearest to the craft."""
-    north, east, down, _, _, psi = roles["pose"].names
-    clearance, velocity, reference = (
-        roles[role].names if role in roles else ()
-        for role in ("clearance", "velocity", "reference")
-    )
+    pose = look["pose"]
+    clearance, velocity, reference = (look.get(k) for k in ("clearance", "velocity", "reference"))
     known = {"altitude", "heading"} | ({"ground"} if clearance else set[str]())
     known |= {"speed"} if velocity else set[str]()
     known |= {name for name in UNITS if name.startswith("reference") and reference}
     units = {name: unit for name, unit in UNITS.items() if name in known}
     plain = layout([WireField(k, name, "double") for k, name in enumerate(units, start=2)])
 
-    def scalars(values: Values) -> list[float]:
-        pose = values["pose"]
-        told = {"altitude": -pose[down], "heading": degrees(pose[psi])}
+    def computed(_: Instant, values: Any) -> list[float]:
+        north, east, down, _phi, _theta, psi = pose(values)
+        told = {"altitude": -down, "heading": degrees(psi)}
         if clearance:
-            told["ground"] = -pose[down] - values["clearance"][clearance[0]]
+            told["ground"] = -down - clearance(values)[0]
         if velocity:
-            told["speed"] = hypot(*(values["velocity"][name] for name in velocity))
+            told["speed"] = hypot(*velocity(values))
         if reference:
-            n, e, altitude, heading, speed = (values["reference"][name] for name in reference)
-            near = int(np.argmin(np.square(n - pose[north]) + np.square(e - pose[east])))
+            n, e, altitude, heading, speed = reference(values)
+            near = int(np.argmin(np.square(n - north) + np.square(e - east)))
             told["reference_altitude"] = float(altitude[near])
             told["reference_heading"] = degrees(heading[near])
             told["reference_speed"] = float(speed[near])
@@ -63,4 +61,5 @@ def profile(roles: Mapping[str, Filled]) -> Profile:
 
     ports = [Port("", n, "output", "continuous", "Float64", unit=Unit(u)) for n, u in units.items()]
     data = descriptors("hedgehop", "Profile", list(units), ports)
-    return Profile(message_class("hedgehop.Profile", data), units, Layout(plain.pieces, scalars))
+    laid_out = Layout(plain.pieces, computed=computed)
+    return Profile(message_class("hedgehop.Profile", data), units, laid_out)

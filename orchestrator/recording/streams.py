@@ -1,146 +1,118 @@
-"""The messages of one topic, turned into records of an MCAP file many at a time."""
+"""What is told of a component, turned into rows of records of its topics."""
 
-from collections.abc import Callable, Sequence
-from itertools import groupby, pairwise
+from collections.abc import Mapping, Sequence
+from itertools import compress, pairwise
 from operator import is_
-from struct import calcsize, pack
+from struct import pack
 from typing import Any
 
-from mcap.opcode import Opcode
-
 from orchestrator.recording.provenance import EPOCH_NS
+from orchestrator.recording.rows import BODY, NUMBER, Parts, Row, Told, instant
 from orchestrator.recording.topics import Topic
-from orchestrator.recording.wire import STAMP, Layout, Values, packer, pick, row_size, timestamp
+from orchestrator.recording.wire import pick
 
-Row = tuple[int, bytes, Values]  # log time, ns, and as `instant` writes it; values
-Encode = Callable[[Sequence[Row], int], list[bytes]]  # rows and first sequence number to records
-
-_LENGTH = calcsize("<BQ")  # of a record's opcode and length; the length counts what follows
-HEAD = _LENGTH + calcsize("<HIQQ")  # channel, sequence, log and publish time; then the message
-_BODY = HEAD + calcsize(STAMP)
-_TIMES = calcsize("<QQ")  # log and publish time, with which `instant` begins
-
-
-def instant(time_ns: int) -> bytes:
-    """Return log time, publish time and time stamp as they follow each other in a record."""
-    return pack("<QQ", time_ns, time_ns) + timestamp(time_ns)
+Given = tuple[int, Any]  # log time, ns, and what is valid then
 
 
 class Stream:
-    """A topic on its channel.
+    """Topics that are written at the same instants, side by side.
 
     Where only changes are written, values are compared by identity first: they may be kept, hence
     an object that comes again has not changed.
+
+    Parameters
+    ----------
+    topics
+        By channel.
     """
 
-    def __init__(self, channel: int, topic: Topic) -> None:
-        self.channel = channel
-        self._topic = topic
-        self._sequence = 0
-        self._told = 0
-        self._encoders: dict[tuple[str, ...], Encode] = {}
-        self._watched = pick(topic.watched) if topic.watched else None
-        # the last values, and all but the time of their message
-        self._seen: tuple[tuple[Any, ...], memoryview] = (), memoryview(b"")
+    def __init__(self, topics: Mapping[int, Topic], number: int = 0) -> None:
+        self._topics = topics
+        self._rule = next(iter(topics.values()))
+        self._rows: dict[tuple[str, ...], Row] = {}
+        self._alone: dict[str, Stream] = {}  # by topic, once one of them could not be written
+        self._count = 0  # of what was given
+        self._number = number  # of the last record
+        self._watched = pick(self._rule.watched)
+        self._last: tuple[Any, ...] = ()  # of what is watched
+        self._body: tuple[bytes, Parts] | None = None  # of that, but for number and times
 
-    def message(self, time_ns: int, values: Values) -> bytes:
-        """Return one message, the same bytes that its record holds; `time_ns` is the log time.
-
-        Raises
-        ------
-        ValueError
-            If the values cannot be written; the message names topic, time and variable.
-        """
-        try:
-            return self._encode([(time_ns, instant(time_ns), values)], 1)[0][HEAD:]
-        except Exception as error:
-            what = f"{error.args[0]}: missing" if isinstance(error, KeyError) else f"{error}"
-            at = f"{self._topic.name} at t = {(time_ns - EPOCH_NS) / 1e9:.3f} s"
-            raise ValueError(f"{at}: cannot be recorded, {what}") from error
-
-    def records(self, rows: Sequence[Row]) -> tuple[list[int], list[bytes], ValueError | None]:
-        """Return log times and Message records; and, if one cannot be written, why."""
-        every, told = self._topic.every, self._told
-        self._told += len(rows)
-        rows = rows[-told % every :: every]
-        try:
-            return *self._records(rows), None
-        except Exception:  # noqa: BLE001  (one by one they tell which it is)
-            good: list[Row] = []
-            refusal = None
-            for row in rows:
+    def records(self, given: Sequence[Given]) -> tuple[list[Told], list[ValueError]]:
+        """Return rows of records, none of what cannot be written; and why that is."""
+        every, before = self._rule.every, self._count
+        self._count += len(given)
+        given = given[-before % every :: every]
+        if self._rule.is_once:
+            given = [] if before else given[:1]
+        if not self._alone:
+            try:
+                return self.encoded(given), []
+            except Exception:  # noqa: BLE001  (whatever the values are)
+                parts = {t.name: Stream({n: t}, self._number) for n, t in self._topics.items()}
+                self._alone = parts if len(parts) > 1 else {self._rule.name: self}
+        told: list[Told] = []
+        refusals: list[ValueError] = []
+        for name, stream in self._alone.items():
+            for each in given:
                 try:
-                    self.message(row[0], row[2])
-                    good.append(row)
-                except ValueError as error:
-                    refusal = refusal or error
-            return *self._records(good), refusal
+                    told += stream.encoded([each])
+                except Exception as error:  # noqa: BLE001
+                    refusals.append(_refusal(name, each[0], error))
+        return told, refusals
 
-    def _records(self, rows: Sequence[Row]) -> tuple[list[int], list[bytes]]:
-        if self._watched is None:
-            times, records = [row[0] for row in rows], self._encode(rows, self._sequence + 1)
-        else:
-            times, records = self._changes(rows, self._watched)
-        self._sequence += len(records)
-        return times, records
+    def encoded(self, given: Sequence[Given]) -> list[Told]:
+        """Return rows of records; whatever comes of what cannot be written, it leaves no trace."""
+        given, last = self._renewed(given)
+        told: list[Told] = []
+        row, is_partial = self._row(()), self._rule.is_partial
+        for number, (time_ns, values) in enumerate(given, self._number + 1):
+            if is_partial:
+                row = self._row(tuple(values))
+            told.append((time_ns, row, *row.fill(number, instant(time_ns), values)))
+        if self._rule.watched and told:
+            told = self._changed(told)
+        self._last = last
+        self._number += len(told)
+        return told
 
-    def _changes(
-        self, rows: Sequence[Row], watched: Callable[[Values], tuple[Any, ...]]
-    ) -> tuple[list[int], list[bytes]]:
-        """Return the rows whose message, but for the time, is not that of the row before."""
-        last, body = self._seen
-        new: list[Row] = []
-        for row in rows:
-            values = watched(row[2])
+    def _row(self, keys: tuple[str, ...]) -> Row:
+        if keys not in self._rows:
+            self._rows[keys] = Row({n: topic.layout(keys) for n, topic in self._topics.items()})
+        return self._rows[keys]
+
+    def _renewed(self, given: Sequence[Given]) -> tuple[Sequence[Given], tuple[Any, ...]]:
+        """Return what has other objects than what came before it, and the last of these objects."""
+        last = self._last
+        if not self._rule.watched:
+            return given, last
+        new: list[Given] = []
+        for each in given:
+            values = self._watched(each[1])
             if not (last and all(map(is_, values, last))):
-                new.append(row)
+                new.append(each)
                 last = values
-        records = self._encode(new, self._sequence + 1)
-        bodies = [body, *(memoryview(record)[_BODY:] for record in records)]
-        self._seen = last, bodies[-1]
-        equal = [after == before for before, after in pairwise(bodies)]
-        if any(equal):  # other objects, but the same values
-            new = [row for row, is_equal in zip(new, equal, strict=True) if not is_equal]
-            records = self._encode(new, self._sequence + 1)
-        return [row[0] for row in new], records
+        return new, last
 
-    def _encode(self, rows: Sequence[Row], sequence: int) -> list[bytes]:
-        """Return the records of rows; where a message need not hold all, of all alike at once."""
-        if not self._topic.is_partial:
-            return self._encoder(())(rows, sequence)
-        records: list[bytes] = []
-        for keys, alike in groupby(rows, key=lambda row: tuple(row[2])):
-            records += self._encoder(keys)(list(alike), sequence + len(records))
-        return records
-
-    def _encoder(self, keys: tuple[str, ...]) -> Encode:
-        if keys not in self._encoders:
-            self._encoders[keys] = _encoder(self.channel, self._topic.layout(keys))
-        return self._encoders[keys]
-
-
-def _encoder(channel: int, layout: Layout) -> Encode:
-    """Return the encoder of Message records of one channel and layout."""
-    scalars, rest = layout.scalars, layout.rest
-    at = f"{_TIMES + calcsize(STAMP) * layout.is_stamped}s"  # of an instant, as much as this
-    pieces = (pack("<H", channel), "I", at, *layout.pieces)
-    least = row_size(pieces)  # of what the length counts
-    length = pack("<Q", least) if rest is None else "Q"
-    pack_rows = packer((bytes([Opcode.MESSAGE]), length, *pieces))
-    size = _LENGTH + least
-
-    def encode(rows: Sequence[Row], sequence: int) -> list[bytes]:
-        numbered = enumerate(rows, sequence)
-        if rest is None:
-            packed = pack_rows((n, at, *scalars(values)) for n, (_, at, values) in numbered)
-            return [packed[k : k + size] for k in range(0, len(packed), size)]
-        parts = [rest(values) for _, _, values in rows]
-        packed = pack_rows(
-            (least + sum(map(len, behind)), n, at, *scalars(values))
-            for (n, (_, at, values)), behind in zip(numbered, parts, strict=True)
-        )
+    def _changed(self, told: Sequence[Told]) -> list[Told]:
+        """Return the rows that differ from the row before, numbered anew."""
+        bodies = [self._body, *((filled[BODY:], between) for _, _, filled, between in told)]
+        self._body = bodies[-1]
+        is_new = [not _are_equal(*pair) for pair in pairwise(bodies)]
+        numbered = enumerate(compress(told, is_new), self._number + 1)
         return [
-            b"".join((packed[k * size : (k + 1) * size], *behind)) for k, behind in enumerate(parts)
+            (time, row, filled[:NUMBER] + pack("<I", number) + filled[NUMBER + 4 :], between)
+            for number, (time, row, filled, between) in numbered
         ]
 
-    return encode
+
+def _refusal(topic: str, time_ns: int, error: Exception) -> ValueError:
+    what = f"{error.args[0]}: missing" if isinstance(error, KeyError) else f"{error}"
+    at = f"t = {(time_ns - EPOCH_NS) / 1e9:.3f} s"
+    return ValueError(f"{topic} at {at}: cannot be recorded, {what}")
+
+
+def _are_equal(one: tuple[bytes, Parts] | None, other: tuple[bytes, Parts] | None) -> bool:
+    """Whether the bytes of two rows are the same."""
+    if one is None or other is None or one[0] != other[0]:
+        return False
+    return all(a is b or bytes(a) == bytes(b) for a, b in zip(one[1], other[1], strict=True))

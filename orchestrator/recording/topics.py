@@ -1,7 +1,7 @@
 """What a recording of a system consists of: every topic, its message type and who feeds it."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
@@ -39,6 +39,8 @@ class Topic:
         Where these variables make a message equal to the last one, it is left out; empty: none is.
     every
         Of how many calls one is recorded.
+    is_once
+        Whether only the first call is recorded.
     """
 
     name: str
@@ -51,6 +53,18 @@ class Topic:
     is_partial: bool = False
     watched: tuple[str, ...] = ()
     every: int = 1
+    is_once: bool = False
+
+    @property
+    def source(self) -> tuple[str, str]:
+        """Return the call and the component that it hears."""
+        return self.call, self.component
+
+    @property
+    def row(self) -> object:
+        """Return the same for topics whose records are written at the same instants, side by side."""
+        alone = self.is_partial or self.watched or self.is_once or self.layout(()).tail
+        return self.name if alone else (self.source, self.every)
 
 
 def topics(system: System, *, wall_clock: bool) -> list[Topic]:
@@ -71,9 +85,11 @@ def topics(system: System, *, wall_clock: bool) -> list[Topic]:
         for view in views(system.scenario.scene, system.ports):
             made.append(_drawn("outputs", view.component, view, {}))
         for part in parts(system):
-            metadata = {"written": "once"} if part.when == "once" else {}
+            is_once = part.when == "once"
+            metadata = {"written": "once"} if is_once else {}
             metadata |= {f"unit.{name}": unit for name, unit in part.units.items()}
-            made.append(_drawn("scene", part.topic, part, metadata))
+            source = ("outputs", part.sources[0]) if part.is_plain else ("scene", part.topic)
+            made.append(replace(_drawn(*source, part, metadata), is_once=is_once))
     log = [
         WireField(2, "level", "enum"),
         WireField(3, "message", "string"),

@@ -16,20 +16,22 @@ from numpy.typing import NDArray
 from orchestrator.recording.frames import BODY, MAP, ned_to_enu, orientation
 from orchestrator.recording.roles import Ports, Scene, filled
 from orchestrator.recording.wire import (
-    Buffer,
+    Instant,
     Layout,
     Values,
     columns,
+    constant,
     delimited,
     nested,
-    packer,
 )
 
 # foxglove.Vector3, Point3 and Quaternion: doubles in the fields 1 to 3 or 4
 VECTOR = (b"\x09", "d", b"\x11", "d", b"\x19", "d")
 QUATERNION = (*VECTOR, b"\x21", "d")
 MAX_POSES = 40  # of a path
-UPRIGHT = packer(QUATERNION)([(0.0, 0.0, 0.0, 1.0)])
+
+Rigid = Callable[[Instant, Values], tuple[float, ...]]  # to position and orientation
+UPRIGHT = constant(QUATERNION, 0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -65,34 +67,39 @@ def views(scene: Scene, ports: Ports) -> list[View]:
     made: list[View] = []
     if "pose" in roles:
         component, names = roles["pose"]
-        made.append(View("/tf", component, FrameTransform, _transform(names)))
-        made.append(View("/scene/pose", component, PoseInFrame, _pose(names)))
+        rigid = _rigid(names)
+        made.append(View("/tf", component, FrameTransform, _transform(rigid)))
+        made.append(View("/scene/pose", component, PoseInFrame, _pose(rigid)))
     if "path" in roles:
         component, names = roles["path"]
         made.append(View("/scene/plan", component, PosesInFrame, _poses(names)))
     return made
 
 
-def _transform(names: tuple[str, ...]) -> Layout:
+def _transform(rigid: Rigid) -> Layout:
     frames = delimited(2, MAP.encode()) + delimited(3, BODY.encode())
     pieces = (frames, *nested(4, *VECTOR), *nested(5, *QUATERNION))
-    return Layout(pieces, _rigid(names))
+    return Layout(pieces, computed=rigid)
 
 
-def _pose(names: tuple[str, ...]) -> Layout:
+def _pose(rigid: Rigid) -> Layout:
     pose = nested(3, *nested(1, *VECTOR), *nested(2, *QUATERNION))
-    return Layout((delimited(2, MAP.encode()), *pose), _rigid(names))
+    return Layout((delimited(2, MAP.encode()), *pose), computed=rigid)
 
 
-def _rigid(names: tuple[str, ...]) -> Callable[[Values], tuple[float, ...]]:
+def _rigid(names: tuple[str, ...]) -> Rigid:
     """Return a function from a component's values to position and orientation."""
     pick = itemgetter(*names)
+    last: tuple[Values, tuple[float, ...]] = {}, ()  # several topics ask for the same, in turn
 
-    def scalars(values: Values) -> tuple[float, ...]:
-        north, east, down, phi, theta, psi = pick(values)
-        return *ned_to_enu(north, east, down), *orientation(phi, theta, psi)
+    def rigid(_: Instant, values: Values) -> tuple[float, ...]:
+        nonlocal last
+        if values is not last[0]:
+            north, east, down, phi, theta, psi = pick(values)
+            last = values, (*ned_to_enu(north, east, down), *orientation(phi, theta, psi))
+        return last[1]
 
-    return scalars
+    return rigid
 
 
 def _poses(names: tuple[str, ...]) -> Layout:
@@ -100,9 +107,9 @@ def _poses(names: tuple[str, ...]) -> Layout:
     pack = columns(nested(3, *nested(1, *VECTOR), delimited(2, UPRIGHT)))
     pick = itemgetter(*names)
 
-    def rest(values: Values) -> list[Buffer]:
+    def tail(_: Instant, values: Values) -> bytes:
         ned = pick(values)
         some = few(len(ned[0]), min(len(ned[0]), MAX_POSES))
-        return [pack(*ned_to_enu(*(axis[some] for axis in ned)))]
+        return pack(*ned_to_enu(*(axis[some] for axis in ned)))
 
-    return Layout((delimited(2, MAP.encode()),), lambda _: (), rest)
+    return Layout((delimited(2, MAP.encode()),), tail=tail)

@@ -5,20 +5,19 @@ proto3 (zeros are written out, varints may be longer than they need be; both are
 protobuf library reads them.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import starmap
 from math import prod
 from operator import itemgetter
-from struct import Struct, calcsize
-from typing import Any
+from struct import calcsize, pack
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Values = Mapping[str, Any]
-Buffer = bytes | memoryview
+Buffer = bytes | memoryview | NDArray[Any]
 
 VARINT, FIXED64, LENGTH = 0, 1, 2
 
@@ -30,9 +29,10 @@ FIXED = {
     "fixed64": ("Q", FIXED64, "<u8"),
     "bool": ("?", VARINT, "?"),
 }
+ENUM = "5s"  # of what `stretched` returns
 SCALARS = {
     **{kind: (code, wire) for kind, (code, wire, _) in FIXED.items()},
-    "enum": ("5s", VARINT),
+    "enum": (ENUM, VARINT),
 }
 STAMP = "14s"  # of what `timestamp` returns
 
@@ -47,25 +47,67 @@ class WireField:
     shape: tuple[int, ...] = ()
 
 
+class Instant(NamedTuple):
+    """A log time: in ns, as a message tells it, and as a record does; there both follow."""
+
+    time_ns: int
+    stamp: bytes
+    times: bytes
+
+
+class Array(NamedTuple):
+    """The place of an array: the key of its value, the type and shape that it must have."""
+
+    key: str
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Its bytes."""
+        return prod(self.shape) * self.dtype.itemsize
+
+    def reader(self) -> Callable[[Values], NDArray[Any]]:
+        """Return a function to the array as it is written, row by row; it copies only if it must.
+
+        It raises KeyError if there is none, ValueError if it has another shape.
+        """
+        key, dtype, shape = self
+
+        def read(values: Values) -> NDArray[Any]:
+            array = values[key]
+            if array.shape != shape:
+                raise ValueError(f"{key}: shape, got {array.shape}, expected {shape}")
+            return np.ascontiguousarray(array, dtype)
+
+        return read
+
+
+Piece = bytes | str | Array
+
+
 @dataclass(frozen=True)
 class Layout:
-    """What a kind of message consists of behind its time stamp.
+    """What a kind of message consists of, behind its time stamp.
 
     Attributes
     ----------
     pieces
-        Constants as they are, values as codes of `struct`, in order.
-    scalars
-        Returns the values for those codes.
-    rest
-        Returns what follows, arrays and text, in parts; None where nothing does.
+        Constants as they are, scalars as codes of `struct`, and arrays, in order.
+    keys
+        Of the scalars, if they are looked up.
+    computed
+        Returns the scalars of an instant, if they are not looked up.
+    tail
+        Returns the rest, whose size is not known before.
     is_stamped
         Whether the message begins with its time stamp, as field 1; if not, `pieces` say where.
     """
 
-    pieces: Sequence[bytes | str]
-    scalars: Callable[[Values], Iterable[Any]]
-    rest: Callable[[Values], Sequence[Buffer]] | None = None
+    pieces: Sequence[Piece]
+    keys: tuple[str, ...] = ()
+    computed: Callable[[Instant, Any], Sequence[Any]] | None = None
+    tail: Callable[[Instant, Any], bytes] | None = None
     is_stamped: bool = True
 
 
@@ -108,26 +150,15 @@ def timestamp(time_ns: int) -> bytes:
     return b"\x0a\x0c\x08" + stretched(seconds) + b"\x10" + stretched(nanos)
 
 
-def row_size(pieces: Sequence[bytes | str]) -> int:
-    """Return the size of a row of pieces: constants as they are, values as codes of `struct`."""
-    return sum(len(p) if isinstance(p, bytes) else calcsize(f"<{p}") for p in pieces)
+def row_size(pieces: Sequence[Piece]) -> int:
+    """Return the size of a row of pieces."""
+    return sum(_size(piece) for piece in pieces)
 
 
-def packer(pieces: Sequence[bytes | str]) -> Callable[[Iterable[Iterable[Any]]], bytes]:
-    """Return a function from rows of values to bytes, with the constants of `pieces` between them.
-
-    Constants are gaps in a `struct`, filled in all rows at once.
-    """
-    codes = (f"{len(p)}x" if isinstance(p, bytes) else p for p in pieces)
-    row = Struct("<" + "".join(codes))
-    blank = (p if isinstance(p, bytes) else bytes(calcsize(f"<{p}")) for p in pieces)
-    constants = np.frombuffer(b"".join(blank), np.uint8)
-
-    def pack(rows: Iterable[Iterable[Any]]) -> bytes:
-        gaps = np.frombuffer(b"".join(starmap(row.pack, rows)), np.uint8)
-        return (gaps.reshape(-1, row.size) | constants).tobytes()
-
-    return pack
+def constant(pieces: Sequence[bytes | str], *scalars: float) -> bytes:
+    """Return pieces with their scalars as they are on the wire."""
+    left = iter(scalars)
+    return b"".join(p if isinstance(p, bytes) else pack(f"<{p}", next(left)) for p in pieces)
 
 
 def columns(pieces: Sequence[bytes | str]) -> Callable[..., bytes]:
@@ -158,28 +189,25 @@ def nested(number: int, *pieces: bytes | str) -> tuple[bytes | str, ...]:
 def layout(fields: Sequence[WireField]) -> Layout:
     """Return the layout of a message of `fields`, whose values are looked up by key.
 
-    Scalars come first, the rest follows, field by field. Encoding raises KeyError where a value is
-    missing, ValueError where an array has another shape.
+    Scalars come first, then arrays of fixed width, then the rest, field by field. Encoding raises
+    KeyError where a value is missing, ValueError where an array has another shape.
     """
-    scalars = [field for field in fields if _is_scalar(field)]
-    rest = [(field.key, *_variable(field)) for field in fields if not _is_scalar(field)]
-    pieces: list[bytes | str] = []
+    scalars = [field for field in fields if field.kind in SCALARS and not field.shape]
+    arrays = [field for field in fields if field.kind in FIXED and field.shape]
+    rest = [(f.key, _variable(f)) for f in fields if f not in scalars and f not in arrays]
+    pieces: list[Piece] = []
     for field in scalars:
         code, wire_type = SCALARS[field.kind]
         pieces += [tag(field.number, wire_type), code]
-    find = pick([field.key for field in scalars])
-    enumerations = [k for k, field in enumerate(scalars) if field.kind == "enum"]
+    for field in arrays:
+        array = Array(field.key, np.dtype(FIXED[field.kind][2]), field.shape)
+        pieces += [tag(field.number, LENGTH) + varint(array.size), array]
 
-    def find_and_stretch(values: Values) -> list[Any]:
-        found = list(find(values))
-        for k in enumerations:
-            found[k] = stretched(found[k])
-        return found
+    def tail(_: Instant, values: Values) -> bytes:
+        return b"".join([encode(values[key]) for key, encode in rest])
 
-    def rest_parts(values: Values) -> list[Buffer]:
-        return [part for key, head, encode in rest for part in (head, encode(values[key]))]
-
-    return Layout(pieces, find_and_stretch if enumerations else find, rest_parts if rest else None)
+    keys = tuple(field.key for field in scalars)
+    return Layout(pieces, keys, tail=tail if rest else None)
 
 
 def partial_layout(fields: Sequence[WireField]) -> Callable[[Collection[str]], Layout]:
@@ -191,37 +219,28 @@ def pick(keys: Sequence[str]) -> Callable[[Values], tuple[Any, ...]]:
     """Return a function that looks up several values."""
     if len(keys) > 1:
         return itemgetter(*keys)
-    return lambda values: tuple(values[key] for key in keys)
+    if not keys:
+        return lambda _: ()
+    (key,) = keys
+    return lambda values: (values[key],)
 
 
-def _is_scalar(field: WireField) -> bool:
-    return field.kind in SCALARS and not field.shape
+def _size(piece: Piece) -> int:
+    if isinstance(piece, str):
+        return calcsize(f"<{piece}")
+    return len(piece) if isinstance(piece, bytes) else piece.size
 
 
-def _variable(field: WireField) -> tuple[bytes, Callable[[Any], Buffer]]:
-    """Return what precedes an array, text or bytes, and the encoder of the rest of it."""
+def _variable(field: WireField) -> Callable[[Any], bytes]:
+    """Return the encoder of a field of text, bytes or an array of those or of enumerations."""
     number = field.number
-    if field.kind in FIXED:
-        return _packed(field)
     if field.kind == "enum":
-        return b"", lambda array: delimited(number, b"".join(varint(int(v)) for v in array.flat))
+        return lambda array: delimited(number, b"".join(varint(int(v)) for v in array.flat))
     single = bytes if field.kind == "bytes" else _utf8
     if field.shape:  # text and bytes cannot be packed
-        return b"", lambda array: b"".join(delimited(number, single(v)) for v in array.flat)
-    return b"", lambda value: delimited(number, single(value))
+        return lambda array: b"".join(delimited(number, single(v)) for v in array.flat)
+    return lambda value: delimited(number, single(value))
 
 
 def _utf8(text: object) -> bytes:
     return str(text).encode(errors="replace")
-
-
-def _packed(field: WireField) -> tuple[bytes, Callable[[NDArray[Any]], Buffer]]:
-    """Return what precedes an array of fixed width, and the encoder of its values, row by row."""
-    dtype, shape = np.dtype(FIXED[field.kind][2]), field.shape
-
-    def values(array: NDArray[Any]) -> memoryview:  # no copy: 36 kB each, some of them
-        if array.shape != shape:
-            raise ValueError(f"{field.key}: shape, got {array.shape}, expected {shape}")
-        return array.astype(dtype, copy=False).ravel().view(np.uint8).data
-
-    return tag(field.number, LENGTH) + varint(prod(shape) * dtype.itemsize), values
