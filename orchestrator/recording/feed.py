@@ -49,6 +49,7 @@ class Feed:
         self._stage = Stage(system)
         self._streams: list[tuple[Source, Stream]] = []
         self._given: dict[Source, list[Given]] = {}
+        self._outputs: dict[str, list[Given]] = {}  # the same lists, by component
         self._parameters: dict[str, dict[str, Value]] = {}  # all current values by component
         self._steps: dict[str, float] = {}  # measured durations at self._steps_ns, by component
         self._steps_ns = -1
@@ -60,6 +61,9 @@ class Feed:
         for channel, topic in zip(channels, self.topics, strict=True):
             rows.setdefault(topic.row, {})[channel] = topic
             self._given[topic.source] = []
+        self._outputs = {
+            name: rows for (call, name), rows in self._given.items() if call == "outputs"
+        }
         for together in rows.values():
             source = next(iter(together.values())).source
             self._streams.append((source, Stream(together)))
@@ -69,9 +73,12 @@ class Feed:
 
         Wholly discrete groups become records where they changed.
         """
-        self._give(time_ns, ("outputs", component), values)
-        for topic, drawn in self._stage.outputs(time_ns, component, values):
-            self._give(time_ns, ("scene", topic), drawn)
+        given = self._outputs.get(component)
+        if given is not None:
+            given.append((EPOCH_NS + time_ns, values))
+        if component in self._stage.heard:
+            for topic, drawn in self._stage.outputs(time_ns, component, values):
+                self._give(time_ns, ("scene", topic), drawn)
 
     def inputs(self, time_ns: int, component: str, values: Mapping[str, Value]) -> None:
         """Keep the given inputs; the others are absent from the message."""
@@ -122,6 +129,7 @@ class Feed:
         """Forget what was told, and keep nothing more."""
         self._streams.clear()
         self._given.clear()
+        self._outputs.clear()
 
     def _give_steps(self) -> None:
         if self._steps:

@@ -71,7 +71,6 @@ class Recorder:
         self._container: Container | None = None
         self._feed: Feed | None = None
         self._whole = 0  # bytes of the file that end with a whole record
-        self._time_ns = -1
         self._flush_ns = FLUSH_NS
 
     @property
@@ -144,7 +143,6 @@ class Recorder:
         if time_ns > self._flush_ns:  # a second waits in memory until after its last instant
             self._flush()
             self._flush_ns = (time_ns // FLUSH_NS + 1) * FLUSH_NS
-        self._time_ns = time_ns
         return self._feed
 
     def _flush(self) -> None:
@@ -189,7 +187,7 @@ class Recorder:
             self.failure = error
             if self._feed is not None:
                 self._feed.stop()
-            after = f"after {self._time_ns / 1e9:g} s of simulated time"
+            after = f"after {self._flush_ns / 1e9:g} s of simulated time"
             _log.error("%s: recording stopped %s, %s", self.path, after, error.strerror or error)
 
     def _summary(self, feed: Feed, result: Result) -> dict[str, str]:

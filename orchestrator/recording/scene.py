@@ -95,6 +95,11 @@ def parts(system: System) -> list[Part]:
 class Stage:
     """Hears what components publish, and tells what is to be drawn of several of them.
 
+    Attributes
+    ----------
+    heard : set of str
+        Those that count; of others nothing is drawn.
+
     Raises
     ------
     ValueError
@@ -107,19 +112,17 @@ class Stage:
         self._parts: dict[str, list[Part]] = {}  # by the component that they follow
         for part in joint:
             self._parts.setdefault(part.sources[0], []).append(part)
-        self._heard = {source for part in joint for source in part.sources}
+        self.heard = {source for part in joint for source in part.sources}
         self._newest: dict[str, Any] = {TRAIL: {TRAIL: np.empty((0, 3))}}
         pose, scan = roles.get("pose"), roles.get("scan")
-        self._craft = None if pose is None or TRAIL not in self._heard else pose.component
+        self._craft = None if pose is None or TRAIL not in self.heard else pose.component
         self._position = itemgetter(*pose.names[:3]) if pose is not None else None
         self._knot_ns = 0
-        self._sensor = None if scan is None or FRESH not in self._heard else scan.component
+        self._sensor = None if scan is None or FRESH not in self.heard else scan.component
         self._fresh = _fresh_cells(scan, system) if scan is not None else None
 
     def outputs(self, time_ns: int, component: str, values: Values) -> Iterable[tuple[str, Any]]:
         """Return the topics that are drawn now, with what their layouts take."""
-        if component not in self._heard:
-            return ()
         newest = self._newest
         newest[component] = values
         is_knot = component == self._craft and self._knot(time_ns, values)
