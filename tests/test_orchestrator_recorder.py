@@ -3,6 +3,7 @@
 import errno
 import json
 import logging
+import weakref
 from contextlib import suppress
 from io import FileIO
 
@@ -339,10 +340,29 @@ def test_a_full_disk_ends_the_recording_not_the_run(tmp_path, monkeypatch, caplo
         getattr(listener, call)(*arguments)
     listener.close(Result("flown", "", 4 * 10**9))
     assert listener.failure.errno == errno.ENOSPC
-    assert "full.mcap: recording stopped after" in caplog.text
     records = survivors(path)
-    times = [r.log_time - EPOCH_NS for r in records if isinstance(r, Message)]
-    assert max(times) >= 10**9
+    last_ns = max(r.log_time - EPOCH_NS for r in records if isinstance(r, Message))
+    assert last_ns >= 10**9
+    assert f"full.mcap: recording stopped after {last_ns / 1e9:g} s" in caplog.text
+
+
+def test_after_a_failure_nothing_is_kept_in_memory(tmp_path, monkeypatch):
+    """The run may go on for hours: what it tells is let go at once."""
+    monkeypatch.setattr(recorder, "FileIO", FullDisk)
+    system = make_system([port("mpc", "plan.x", shape=(3,)), port("mpc", "cost")])
+    listener = Recorder(tmp_path / "full.mcap")
+    listener.open(system)
+    monkeypatch.setattr(FullDisk, "room", listener.path.stat().st_size)
+    for k in range(22):
+        listener.outputs(k * TICK_NS, "mpc", {"plan.x": np.full(3, k), "cost": 0.0})
+    assert listener.failure is not None
+    x = np.zeros(3)
+    told = weakref.ref(x)
+    listener.outputs(30 * TICK_NS, "mpc", {"plan.x": x, "cost": 0.0})
+    listener.parameters(30 * TICK_NS, "mpc", {})
+    del x
+    assert told() is None
+    listener.close(Result("flown"))
 
 
 def test_what_cannot_be_recorded_is_an_error_and_the_rest_is_kept(tmp_path):

@@ -278,10 +278,11 @@ def test_any_bytes_are_no_recording(tmp_path_factory, data):
     assert list(folder.iterdir()) == [broken]
 
 
-def test_an_ending_that_is_no_number_is_lost_and_said_to_be(glide, tmp_path):
+@pytest.mark.parametrize("offset", [0, len(b"end_ns") + 4], ids=["key", "number"])
+def test_an_ending_that_cannot_be_read_is_lost_and_said_to_be(glide, tmp_path, offset):
     """A turned bit in the summary, which no checksum of its own covers, ends in no fault later."""
     whole = glide.read_bytes()
-    at = whole.index(b"end_ns") + len(b"end_ns") + 4
+    at = whole.index(b"end_ns") + offset
     broken, out = tmp_path / "broken.mcap", tmp_path / "ok.mcap"
     broken.write_bytes(whole[:at] + b"v" + whole[at + 1 :])
     with pytest.raises(ValueError, match=r"broken\.mcap: is "):

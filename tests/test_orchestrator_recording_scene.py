@@ -116,6 +116,44 @@ def test_every_message_is_complete_and_in_its_frame(file):
     assert found >= ALL
 
 
+def test_the_craft_is_where_it_is_told_to_be_every_time(tmp_path):
+    """Each pose that is told has its transform and its pose in a frame, in ENU."""
+    system = make_system([port("v", f"pose.{n}") for n in POSE], {"pose": "v.pose"})
+    told = [dict.fromkeys((f"pose.{n}" for n in POSE), 0.0) | {"pose.north": n} for n in (3.0, 4.0)]
+    calls = [("outputs", (k * TICK_NS, "v", values)) for k, values in enumerate(told)]
+    path = tmp_path / "a.mcap"
+    tell(Recorder(path), system, calls)
+    assert [m.translation.y for _, _, m in messages(path, "/tf")] == [3.0, 4.0]
+    assert [m.pose.position.y for _, _, m in messages(path, "/scene/pose")] == [3.0, 4.0]
+
+
+@pytest.mark.parametrize("name", ["trail", "fresh"])
+def test_a_component_may_have_any_name(name, tmp_path):
+    """Names of the scene's own are no component's."""
+    system, path = staged(), tmp_path / "a.mcap"
+    ports = system.ports | {name: {"x": port(name, "x")}}
+    calls = [("outputs", (k, name, {"x": 1.0})) for k in (0, 10**9)]
+    tell(Recorder(path), replace(system, ports=ports), calls[:1] + flight(system, 1.0) + calls[1:])
+    assert {topic for topic, _, _ in messages(path)} >= ALL | {f"/{name}/outputs"}
+
+
+def test_thinning_leaves_what_is_told_once_alone(tmp_path):
+    """Every fourth message of the scene, but all cells and all that is written once."""
+    counts = {}
+    for every in ({}, {"/scene/*": 4}):
+        system = staged()
+        spec = replace(system.scenario.recording, every=every)
+        system = replace(system, scenario=replace(system.scenario, recording=spec))
+        tell(Recorder(tmp_path / "a.mcap"), system, flight(system, 4.0))
+        found = [topic for topic, _, _ in messages(tmp_path / "a.mcap")]
+        counts[bool(every)] = {topic: found.count(topic) for topic in found}
+    whole, thinned = counts[False], counts[True]
+    for topic in ("rotor", "marks", "pose", "paths", "profile"):
+        assert thinned[f"/scene/{topic}"] == -(-whole[f"/scene/{topic}"] // 4)
+    for topic in ("sensed", "terrain", "terrain_points", "craft"):
+        assert thinned[f"/scene/{topic}"] == whole[f"/scene/{topic}"]
+
+
 def test_entities_keep_their_names(file):
     """Each message of a topic has the same entities, so that the next one replaces them."""
     names = {}

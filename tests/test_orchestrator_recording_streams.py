@@ -91,7 +91,10 @@ def test_every_topic_is_packed_as_it_is_encoded_alone():
             continue
         ports = system.ports.get(each.component, {})
         told = [
-            {name: rng.normal(size=p.shape) if p.shape else k for name, p in ports.items()}
+            {
+                name: rng.normal(size=p.shape).astype(p.type.lower()) if p.shape else k
+                for name, p in ports.items()
+            }
             for k in range(3)
         ]
         if not each.component:
@@ -124,7 +127,7 @@ def test_topics_side_by_side_hold_what_each_holds_alone():
 
 
 def test_messages_that_hold_different_variables_are_told_apart():
-    """Inputs are packed in runs of equal names; the numbers count on."""
+    """Inputs are laid out by the names there are; the numbers count on, the index is in order."""
     each = stream([port("c", name, causality="input") for name in "ab"], "inputs")
     given_rows = rows({"a": 1.0}, {"a": 2.0}, {"b": 3.0}, {"a": 4.0, "b": 5.0})
     told, _ = each.records(given_rows)
@@ -180,10 +183,24 @@ def test_a_topic_that_cannot_be_written_leaves_those_beside_it_alone():
     told = [row for part in (given_rows[:3], given_rows[3:]) for row in each.records(part)[0]]
     assert sorted(channel for channel, _, _ in messages(told)) == [1, 1, 1, 1, 2, 2, 2]
     assert assemble(told)[0] == written(told)
+    later = rows(*({"g.x": 0.0, "h.y": y} for y in (1.0, 2.0, "three", 4.0)))
+    each = Stream({1: topic([port("c", "g.x")]), 2: topic([port("c", "h.y")], group="h")})
+    told = [row for part in (later[:2], later[2:]) for row in each.records(part)[0]]
+    assert assemble(told)[0] == written(told)
     held = stream([port("c", "g.n", kind="Int64")])
     given_rows = rows(*({"g.n": n} for n in (5, 5, "x", 5, 6)))
     told, refusals = held.records(given_rows)
     assert ([time for time, *_ in told], len(refusals)) == ([given_rows[0][0], given_rows[4][0]], 1)
+
+
+def test_numbers_that_would_lose_something_are_refused():
+    """An array of fractions is no array of integers; one of integers is one of numbers."""
+    whole = stream([port("c", "g.n", kind="Int64", shape=(2,))])
+    told, (refusal,) = whole.records(rows({"g.n": np.array([0.7, 1.0])}))
+    assert told == []
+    assert "g at t = 0.000 s: cannot be recorded" in str(refusal)
+    _, refusals = stream([port("c", "g.x", shape=(2,))]).records(rows({"g.x": np.array([1, 2])}))
+    assert refusals == []
 
 
 def test_arrays_need_not_lie_in_order_nor_be_of_the_type():

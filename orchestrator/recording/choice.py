@@ -9,8 +9,6 @@ from orchestrator.errors import Problem, ScenarioError, nearest
 from orchestrator.recording.topics import Topic, topics
 from orchestrator.scenario.records import RecordingSpec
 
-REPEATED = ("outputs", "scene", "wall_clock")  # come again and again; all others tell something
-
 
 def chosen(planned: Iterable[Topic], spec: RecordingSpec) -> list[Topic]:
     """Return the topics that are recorded, in their order; those thinned out say so.
@@ -42,7 +40,7 @@ def check_recording(system: System) -> None:
     # a topic that another option switches off is no mistake
     whole = replace(system, scenario=replace(system.scenario, recording=RecordingSpec()))
     planned = topics(whole, wall_clock=True)
-    repeated = [topic.name for topic in planned if topic.call in REPEATED]
+    repeated = [topic.name for topic in planned if topic.is_repeated]
     problems: list[Problem] = []
     for key, place, pattern in patterns:
         known = repeated if key == "every" else [topic.name for topic in planned]
@@ -57,7 +55,7 @@ def check_recording(system: System) -> None:
 
 def _thinned(topic: Topic, every: Mapping[str, int]) -> Topic:
     n = next((n for pattern, n in every.items() if fnmatchcase(topic.name, pattern)), 1)
-    if n == 1 or topic.call not in REPEATED or topic.is_once:
+    if n == 1 or not topic.is_repeated:
         return topic
     return replace(topic, every=n, metadata={**topic.metadata, "every": f"{n}"})
 

@@ -1,4 +1,4 @@
-"""Chunks of a recording: which messages share one, in which order, and how it is compressed."""
+"""Chunks of a recording: which rows share one, and how it is compressed."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence

@@ -7,7 +7,7 @@ encoding the messages.
 from collections.abc import Iterable, Mapping, Sequence
 from io import BufferedWriter
 from operator import itemgetter
-from struct import calcsize, pack
+from struct import pack
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -15,6 +15,7 @@ from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
+    Chunk,
     ChunkIndex,
     DataEnd,
     Footer,
@@ -102,13 +103,17 @@ class Container:
         data, index = assemble(told)
         compressed = self._compress(data)
         times = told[0][0], told[-1][0]
-        name = self._compression.encode()
-        fields = *times, len(data), crc32(data), len(name), name, len(compressed)
-        head = pack(f"<QQQII{len(name)}sQ", *fields)
-        length = calcsize("<BQ") + len(head) + len(compressed)
-        records = [pack("<BQ", Opcode.CHUNK, len(head) + len(compressed)), head, compressed]
+        chunk = Chunk(
+            compression=self._compression,
+            data=compressed,
+            message_start_time=times[0],
+            message_end_time=times[1],
+            uncompressed_crc=crc32(data),
+            uncompressed_size=len(data),
+        )
+        records = [_bytes(chunk)]
         offsets: dict[int, int] = {}
-        start = self._stream.tell()
+        start, length = self._stream.tell(), len(records[0])
         end = start + length
         for channel, places in index.items():
             offsets[channel] = end

@@ -59,10 +59,10 @@ class Feed:
         """Begin to keep what is told, for the channels of the topics."""
         rows: dict[object, dict[int, Topic]] = {}
         for channel, topic in zip(channels, self.topics, strict=True):
-            rows.setdefault(topic.row, {})[channel] = topic
+            rows.setdefault(topic.row_key, {})[channel] = topic
             self._given[topic.source] = []
         self._outputs = {
-            name: rows for (call, name), rows in self._given.items() if call == "outputs"
+            name: given for (call, name), given in self._given.items() if call == "outputs"
         }
         for together in rows.values():
             source = next(iter(together.values())).source

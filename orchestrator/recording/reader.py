@@ -130,17 +130,19 @@ def content(path: Path) -> bytes:
 
 
 def ending(summary: Mapping[str, str]) -> Result:
-    """Return how a run ended.
+    """Return how a run ended, as far as that is known.
 
     Raises
     ------
-    ValueError
-        If a number in it is none.
+    LookupError, ValueError
+        If something in it is missing, or is no number.
     """
+    if not summary:
+        return Result("")
     return Result(
-        outcome=summary.get("outcome", ""),
-        reason=summary.get("reason", ""),
-        time_ns=int(summary.get("end_ns", "0")),
+        outcome=summary["outcome"],
+        reason=summary["reason"],
+        time_ns=int(summary["end_ns"]),
         counts=json.loads(summary.get("counts", "{}")),
         cpu_s=float(summary.get("cpu_s", "0")),
         wall_s=float(summary.get("wall_s", "0")),

@@ -53,7 +53,7 @@ class Recorder:
     ValueError
         From `open`, before the file is touched, if a scene role names nothing to draw. From any
         later call, `close` included, if values told before are not what their description says; all
-        others are in the file.
+        others told before are in the file.
     """
 
     def __init__(
@@ -71,7 +71,8 @@ class Recorder:
         self._container: Container | None = None
         self._feed: Feed | None = None
         self._whole = 0  # bytes of the file that end with a whole record
-        self._flush_ns = FLUSH_NS
+        self._flush_ns = FLUSH_NS  # when to write next
+        self._written_ns = 0  # up to when everything is in the file
 
     @property
     def wants_wall_clock(self) -> bool:
@@ -160,6 +161,7 @@ class Recorder:
         try:
             container.add_messages(told)
             self._flush_file(file)
+            self._written_ns = self._flush_ns
         except OSError as error:
             self._fail(error)
         if refusals:
@@ -187,7 +189,7 @@ class Recorder:
             self.failure = error
             if self._feed is not None:
                 self._feed.stop()
-            after = f"after {self._flush_ns / 1e9:g} s of simulated time"
+            after = f"after {self._written_ns / 1e9:g} s of simulated time"
             _log.error("%s: recording stopped %s, %s", self.path, after, error.strerror or error)
 
     def _summary(self, feed: Feed, result: Result) -> dict[str, str]:

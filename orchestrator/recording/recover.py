@@ -149,7 +149,7 @@ def _mend(contents: Contents, file: Path) -> list[str]:
         tables["hedgehop.scene"] = json.loads(attached["scenario.json"].data)["scene"]
     try:
         ending(tables.get(SUMMARY, {}))
-    except ValueError:
+    except (LookupError, ValueError):
         del tables[SUMMARY]
         lost.append("how the run ended")
     return lost

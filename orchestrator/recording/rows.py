@@ -32,10 +32,11 @@ from orchestrator.recording.wire import (
 Parts = Sequence[Buffer]  # arrays and tail, which have their places between the bytes of a row
 Told = tuple[int, "Row", bytes, Parts]  # log time, ns; a row, its bytes but for the constant ones
 
-LENGTH = calcsize("<BQ")  # of a record's opcode and length; the length counts what follows
-NUMBER = LENGTH + calcsize("<H")  # the place of the sequence number
-HEAD = LENGTH + calcsize("<HIQQ")  # channel, sequence, log and publish time; then the message
-BODY = HEAD + calcsize(STAMP)
+# where things are in a record: opcode, length of what follows, channel, number, two times, message
+AFTER_LENGTH = calcsize("<BQ")
+NUMBER = AFTER_LENGTH + calcsize("<H")
+MESSAGE = NUMBER + calcsize("<IQQ")
+AFTER_STAMP = MESSAGE + calcsize(STAMP)
 
 
 class Row:
@@ -94,7 +95,7 @@ class Row:
             between += [read(values) for read in self._arrays]
         if self._tail is not None:
             between.append(self._tail(instant, values))
-            scalars.append(self.size - LENGTH + len(between[-1]))
+            scalars.append(self.size - AFTER_LENGTH + len(between[-1]))
         head = number, instant.times
         for is_computed, find in self._scalars:
             scalars += head
@@ -102,7 +103,7 @@ class Row:
         return self._pack(*scalars), between
 
 
-@lru_cache(64)  # a second of them, for all topics
+@lru_cache(1024)  # a second of them, for all topics
 def instant(time_ns: int) -> Instant:
     """Return a log time in the forms in which it is written."""
     stamp = timestamp(time_ns)
@@ -121,7 +122,7 @@ def messages(told: Iterable[Told]) -> Iterator[tuple[int, int, bytes]]:
         data, _ = assemble([(time, row, filled, between)])
         ends = [*(begin for _, begin in row.records[1:]), len(data)]
         for (channel, begin), end in zip(row.records, ends, strict=True):
-            yield channel, time, data[begin + HEAD : end]
+            yield channel, time, data[begin + MESSAGE : end]
 
 
 def assemble(told: Sequence[Told]) -> tuple[bytes, dict[int, list[int]]]:

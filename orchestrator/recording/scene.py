@@ -1,7 +1,7 @@
 """The scene: what viewers draw in 3D, from the roles that a scenario gives to signals.
 
-Drawn from the newest values of several components, unlike ``views.py``. Every message is complete
-in itself, so that a viewer may begin anywhere; what does not change is on topics of its own,
+Drawn of the newest values of one component or of several. Every message but newly sensed cells is
+complete in itself, so that a viewer may begin anywhere; what does not change is on topics of its own,
 written once. Everything is in the frame `map` but the craft, which is in `heli`.
 """
 
@@ -37,7 +37,8 @@ Roles = Mapping[str, Filled]
 
 KNOT_NS = 1_000_000_000  # between points of the trail
 NONE = np.arange(0)
-TRAIL, FRESH = "trail", "fresh"  # sources beside the components: points behind, indices of cells
+# sources beside the components, which cannot have such names: points behind, indices of cells
+TRAIL, FRESH = "/trail", "/fresh"
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from struct import pack
 from typing import Any
 
 from orchestrator.recording.provenance import EPOCH_NS
-from orchestrator.recording.rows import BODY, NUMBER, Parts, Row, Told, instant
+from orchestrator.recording.rows import AFTER_STAMP, NUMBER, Parts, Row, Told, instant
 from orchestrator.recording.topics import Topic
 from orchestrator.recording.wire import pick
 
@@ -24,6 +24,8 @@ class Stream:
     ----------
     topics
         By channel.
+    number
+        Of the last record of each.
     """
 
     def __init__(self, topics: Mapping[int, Topic], number: int = 0) -> None:
@@ -95,7 +97,7 @@ class Stream:
 
     def _changed(self, told: Sequence[Told]) -> list[Told]:
         """Return the rows that differ from the row before, numbered anew."""
-        bodies = [self._body, *((filled[BODY:], between) for _, _, filled, between in told)]
+        bodies = [self._body, *((filled[AFTER_STAMP:], between) for _, _, filled, between in told)]
         self._body = bodies[-1]
         is_new = [not _are_equal(*pair) for pair in pairwise(bodies)]
         numbered = enumerate(compress(told, is_new), self._number + 1)

@@ -17,6 +17,8 @@ from orchestrator.recording.wire import Layout, WireField, layout, partial_layou
 # roles whose every publishing counts in the metrics, whether or not a value is new
 COUNTED = ("pose", "velocity", "clearance", "load_factor", "controls", "ladder")
 
+REPEATED = ("outputs", "scene", "wall_clock")  # calls; all others tell something each time
+
 EVENTS, LOG, WALL_CLOCK = "/events", "/log", "/wall_clock"
 
 
@@ -41,6 +43,8 @@ class Topic:
         Of how many calls one is recorded.
     is_once
         Whether only the first call is recorded.
+    is_increment
+        Whether a message tells only what has come since the last one.
     """
 
     name: str
@@ -54,6 +58,7 @@ class Topic:
     watched: tuple[str, ...] = ()
     every: int = 1
     is_once: bool = False
+    is_increment: bool = False
 
     @property
     def source(self) -> tuple[str, str]:
@@ -61,10 +66,15 @@ class Topic:
         return self.call, self.component
 
     @property
-    def row(self) -> object:
+    def is_repeated(self) -> bool:
+        """Whether messages come again and again, so that some may be left out."""
+        return self.call in REPEATED and not self.is_once and not self.is_increment
+
+    @property
+    def row_key(self) -> tuple[object, ...]:
         """Return the same for topics whose records are written at the same instants, side by side."""
         alone = self.is_partial or self.watched or self.is_once or self.layout(()).tail
-        return self.name if alone else (self.source, self.every)
+        return (self.name,) if alone else (self.source, self.every)
 
 
 def topics(system: System, *, wall_clock: bool) -> list[Topic]:
@@ -89,7 +99,8 @@ def topics(system: System, *, wall_clock: bool) -> list[Topic]:
             metadata = {"written": "once"} if is_once else {}
             metadata |= {f"unit.{name}": unit for name, unit in part.units.items()}
             source = ("outputs", part.sources[0]) if part.is_plain else ("scene", part.topic)
-            made.append(replace(_drawn(*source, part, metadata), is_once=is_once))
+            topic = _drawn(*source, part, metadata)
+            made.append(replace(topic, is_once=is_once, is_increment=part.when == "fresh"))
     log = [
         WireField(2, "level", "enum"),
         WireField(3, "message", "string"),

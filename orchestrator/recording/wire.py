@@ -1,4 +1,4 @@
-"""Protobuf on the wire: laid out once per message type, filled in for many messages at a time.
+"""Protobuf on the wire: laid out once per message type, filled in message by message.
 
 Setting the fields of message objects one by one costs several times as much. The bytes are plain
 proto3 (zeros are written out, varints may be longer than they need be; both are legal), so any
@@ -70,7 +70,8 @@ class Array(NamedTuple):
     def reader(self) -> Callable[[Values], NDArray[Any]]:
         """Return a function to the array as it is written, row by row; it copies only if it must.
 
-        It raises KeyError if there is none, ValueError if it has another shape.
+        It raises KeyError if there is none, ValueError if it has another shape, TypeError if
+        numbers would lose something.
         """
         key, dtype, shape = self
 
@@ -78,7 +79,7 @@ class Array(NamedTuple):
             array = values[key]
             if array.shape != shape:
                 raise ValueError(f"{key}: shape, got {array.shape}, expected {shape}")
-            return np.ascontiguousarray(array, dtype)
+            return array.astype(dtype, order="C", casting="same_kind", copy=False)
 
         return read
 
