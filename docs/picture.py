@@ -37,9 +37,10 @@ def draw(recording: Recording, terrain: Terrain, picture: Path) -> None:
     n = np.linspace(north.min() - 60, north.max() + 60, 700)
     e = np.linspace(east.min() - 190, east.max() + 190, 260)
     h = terrain.elevation(*np.meshgrid(n, e, indexing="ij")).T
-    shade = LightSource(315, 40).shade(h, plt.get_cmap("terrain"), vert_exag=3, blend_mode="soft",
+    shade = LightSource(225, 40).shade(h, plt.get_cmap("terrain"), vert_exag=3, blend_mode="soft",
                                        vmin=h.min() - 160, vmax=h.max() + 120)  # fmt: skip
     chart.imshow(shade, extent=(n[0], n[-1], e[0], e[-1]), origin="lower", aspect="equal")
+    chart.invert_yaxis()  # east to the right of north, as on any map
     chart.plot(north, east, color="white", lw=3)
     chart.plot(north, east, color=FLOWN, lw=1.6)
     chart.set(xlabel="north (m)", ylabel="east (m)")

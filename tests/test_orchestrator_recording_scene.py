@@ -20,7 +20,8 @@ from orchestrator.recording.streams import Stream
 from orchestrator.recording.topics import topics
 from orchestrator.scenario.records import RecordingSpec
 
-DRAWN = {"terrain", "terrain_points", "craft", "rotor", "profile", "marks", "paths", "sensed"}
+DRAWN = {"terrain", "terrain_points", "craft", "rotor", "profile", "reference", "marks", "paths"}
+DRAWN |= {"sensed"}
 ALL = {f"/scene/{name}" for name in DRAWN}
 
 
@@ -173,7 +174,8 @@ def test_what_does_not_change_is_written_once_at_the_start(file):
     for name in ("terrain", "terrain_points", "craft"):
         assert counts[f"/scene/{name}"] == [0]
     assert len(counts["/scene/rotor"]) == len(counts["/tf"]) == 61
-    assert len(counts["/scene/paths"]) == len(counts["/scene/profile"]) == 7
+    assert len(counts["/scene/profile"]) == len(counts["/tf"])
+    assert len(counts["/scene/paths"]) == len(counts["/scene/reference"]) == 7
 
 
 def test_a_switched_off_scene_leaves_all_else_as_it_is(tmp_path):
@@ -354,12 +356,13 @@ def test_the_profile_tells_heights_upwards_and_the_reference_beside(tmp_path):
     }
     path = tmp_path / "a.mcap"
     tell(Recorder(path), system, [("outputs", (0, "v", craft)), ("outputs", (0, "c", reference))])
-    ((_, _, told),) = messages(path, "/scene/profile")
-    values = {field.name: value for field, value in told.ListFields()[1:]}
-    assert values == pytest.approx(
-        {"altitude": 30.0, "heading": 90.0, "ground": 18.0, "speed": 5.0}
-        | {"reference_altitude": 31.0, "reference_heading": 180.0, "reference_speed": 6.0}
-    )
+    for topic, expected in (
+        ("/scene/profile", {"altitude": 30.0, "heading": 90.0, "ground": 18.0, "speed": 5.0}),
+        ("/scene/reference", {"altitude": 31.0, "heading": 180.0, "speed": 6.0}),
+    ):
+        ((_, _, told),) = messages(path, topic)
+        values = {field.name: value for field, value in told.ListFields()[1:]}
+        assert values == pytest.approx(expected)
 
 
 def test_the_rotor_turns_clockwise_at_a_steady_rate(file):

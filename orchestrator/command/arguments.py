@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import Parameter, validators
 
 from orchestrator.errors import Problem, ScenarioError
 
@@ -13,6 +13,7 @@ Overrides = Annotated[list[str] | None, Parameter(name="--set", negative="")]
 Out = Annotated[Path, Parameter(name=("--out", "-o"))]
 OutOrDefault = Annotated[Path | None, Parameter(name=("--out", "-o"))]
 Flag = Annotated[bool, Parameter(negative="")]
+Port = Annotated[int, Parameter(validator=validators.Number(gte=0, lte=65535))]
 
 
 @contextmanager

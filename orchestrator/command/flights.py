@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from orchestrator.command.arguments import Flag, Overrides, user_errors
+from orchestrator.command.arguments import Flag, Overrides, Port, user_errors
 from orchestrator.command.recordings import with_recording
 from orchestrator.errors import Problem, ScenarioError
 
@@ -27,7 +27,7 @@ def run(
     json: Flag = False,
     live: Flag = False,
     speed: float | Literal["max"] | None = None,
-    port: int | None = None,
+    port: Port | None = None,
 ) -> int:
     """Fly a scenario, record it, and print its figures.
 

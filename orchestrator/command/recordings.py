@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from orchestrator.command.arguments import Flag, Out, OutOrDefault, user_errors
+from orchestrator.command.arguments import Flag, Out, OutOrDefault, Port, user_errors
 
 
 def info(recording: Path, /, *, json: Flag = False) -> None:
@@ -123,12 +123,14 @@ def layout(
         The JSON file to write; named after the recording, in this folder, if not given.
     """
     from orchestrator.recording.reader import Recording
+    from orchestrator.recording.whole import whole
     from orchestrator.viewing.layout import layout_json
     from orchestrator.viewing.plots import recorded
 
     with user_errors():
         file = out or Path(f"{recording.stem}.layout.json")
-        file.write_bytes(layout_json(recorded(Recording.open(recording))))
+        with whole(file, recording) as partial:
+            partial.write_bytes(layout_json(recorded(Recording.open(recording))))
     print(f"{file}: written")
 
 
@@ -138,7 +140,7 @@ def view(
     *,
     serve: Flag = False,
     web: Flag = False,
-    port: int = 0,
+    port: Port = 0,
 ) -> int:
     """Show a recording: in Rerun if it is installed, or served to Lichtblick and Foxglove.
 
@@ -162,6 +164,8 @@ def view(
             raise ValueError("--web: rerun is not installed, expected pip install hedgehop[rerun]")
         if viewing.has_rerun() and not serve:
             return viewing.show(opened, is_web=web)
+        if not serve:
+            print("note: rerun is not installed, hence for other viewers:", file=sys.stderr)
         viewing.serve(opened, port, lambda line: print(line, flush=True))
     return 0
 

@@ -23,7 +23,7 @@ from orchestrator.recording.frames import ned_to_enu
 from orchestrator.recording.roles import Filled, Look, beside, filled
 from orchestrator.recording.scene_craft import craft, rotor
 from orchestrator.recording.scene_marks import POINTS, marks, paths, sensed
-from orchestrator.recording.scene_profile import profile
+from orchestrator.recording.scene_profile import profile, reference_profile
 from orchestrator.recording.scene_terrain import (
     Mesh,
     cloud_of,
@@ -83,7 +83,7 @@ def parts(system: System) -> list[Part]:
     made: list[Part] = []
     if "pose" in roles:
         made += _terrain(system, roles)
-        made += [_craft(roles), _rotor(roles), _profile(roles)]
+        made += [_craft(roles), _rotor(roles), *_profiles(roles)]
         if "clearance" in roles or "wind" in roles:
             made.append(_marks(roles))
     if roles.keys() & {"path", "reference", "pose"}:
@@ -201,12 +201,18 @@ def _rotor(roles: Roles) -> Part:
     return Part("/scene/rotor", FrameTransform, rotor(), _sources(roles, ("pose",)))
 
 
-def _profile(roles: Roles) -> Part:
-    """Return the flight in numbers, along a reference if there is one, else once a second."""
-    sources = _sources(roles, ("reference", "pose", "clearance", "velocity"))
-    numbers = profile(_looks(roles, sources))
-    when = "always" if "reference" in roles else "knot"
-    return Part("/scene/profile", numbers.message, numbers.layout, sources, when, numbers.units)
+def _profiles(roles: Roles) -> list[Part]:
+    """Return the flight in numbers, and what they should be, each as often as it is told."""
+    sources = _sources(roles, ("pose", "clearance", "velocity"))
+    is_ = profile(_looks(roles, sources))
+    made = [Part("/scene/profile", is_.message, is_.layout, sources, units=is_.units)]
+    if "reference" in roles:
+        sources = _sources(roles, ("reference", "pose"))
+        ought = reference_profile(_looks(roles, sources))
+        made.append(
+            Part("/scene/reference", ought.message, ought.layout, sources, units=ought.units)
+        )
+    return made
 
 
 def _marks(roles: Roles) -> Part:

@@ -1,6 +1,6 @@
 """A flight in a few numbers, for plots: where the craft is and where it should be, heights up."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import degrees, hypot
 from typing import Any
@@ -14,19 +14,11 @@ from orchestrator.recording.descriptors import descriptors, message_class
 from orchestrator.recording.roles import Look
 from orchestrator.recording.wire import Instant, Layout, WireField, layout
 
-UNITS = {
-    "altitude": "m",
-    "heading": "deg",
-    "ground": "m",
-    "speed": "m/s",
-    "reference_altitude": "m",
-    "reference_heading": "deg",
-    "reference_speed": "m/s",
-}
+UNITS = {"altitude": "m", "heading": "deg", "ground": "m", "speed": "m/s"}
 
 
 @dataclass(frozen=True)
-class Profile:
+class Numbers:
     """The message, the unit of each of its fields, and its layout."""
 
     message: type[Message]
@@ -34,32 +26,43 @@ class Profile:
     layout: Layout
 
 
-def profile(look: Mapping[str, Look]) -> Profile:
-    """Return what can be told of the roles; of the reference, where it is nearest to the craft."""
-    pose = look["pose"]
-    clearance, velocity, reference = (look.get(k) for k in ("clearance", "velocity", "reference"))
-    known = {"altitude", "heading"} | ({"ground"} if clearance else set[str]())
-    known |= {"speed"} if velocity else set[str]()
-    known |= {name for name in UNITS if name.startswith("reference") and reference}
-    units = {name: unit for name, unit in UNITS.items() if name in known}
-    plain = layout([WireField(k, name, "double") for k, name in enumerate(units, start=2)])
+def profile(look: Mapping[str, Look]) -> Numbers:
+    """Return where the craft is, as far as the roles tell."""
+    pose, clearance, velocity = look["pose"], look.get("clearance"), look.get("velocity")
+    names = ["altitude", "heading"]
+    names += (["ground"] if clearance else []) + (["speed"] if velocity else [])
 
     def computed(_: Instant, values: Any) -> list[float]:
-        north, east, down, _phi, _theta, psi = pose(values)
-        told = {"altitude": -down, "heading": degrees(psi)}
+        _north, _east, down, _phi, _theta, psi = pose(values)
+        told = [-down, degrees(psi)]
         if clearance:
-            told["ground"] = -down - clearance(values)[0]
+            told.append(-down - clearance(values)[0])
         if velocity:
-            told["speed"] = hypot(*velocity(values))
-        if reference:
-            n, e, altitude, heading, speed = reference(values)
-            near = int(np.argmin(np.square(n - north) + np.square(e - east)))
-            told["reference_altitude"] = float(altitude[near])
-            told["reference_heading"] = degrees(heading[near])
-            told["reference_speed"] = float(speed[near])
-        return [told[name] for name in units]
+            told.append(hypot(*velocity(values)))
+        return told
 
+    return _numbers("Profile", names, computed)
+
+
+def reference_profile(look: Mapping[str, Look]) -> Numbers:
+    """Return where the craft should be: the reference where it is nearest to it."""
+    pose, reference = look["pose"], look["reference"]
+
+    def computed(_: Instant, values: Any) -> list[float]:
+        north, east, *_rest = pose(values)
+        n, e, altitude, heading, speed = reference(values)
+        near = int(np.argmin(np.square(n - north) + np.square(e - east)))
+        return [float(altitude[near]), degrees(heading[near]), float(speed[near])]
+
+    return _numbers("Reference", ["altitude", "heading", "speed"], computed)
+
+
+def _numbers(
+    title: str, names: list[str], computed: Callable[[Instant, Any], list[float]]
+) -> Numbers:
+    """Return a message of numbers, computed in this order."""
+    units = {name: UNITS[name] for name in names}
+    plain = layout([WireField(k, name, "double") for k, name in enumerate(names, start=2)])
     ports = [Port("", n, "output", "continuous", "Float64", unit=Unit(u)) for n, u in units.items()]
-    data = descriptors("hedgehop", "Profile", list(units), ports)
-    laid_out = Layout(plain.pieces, computed=computed)
-    return Profile(message_class("hedgehop.Profile", data), units, laid_out)
+    message = message_class(f"hedgehop.{title}", descriptors("hedgehop", title, names, ports))
+    return Numbers(message, units, Layout(plain.pieces, computed=computed))

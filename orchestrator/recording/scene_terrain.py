@@ -135,6 +135,7 @@ def _cloud_head() -> bytes:
     from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 
     head = PointCloud(frame_id=MAP, point_stride=16)
+    head.pose.position.SetInParent()  # the origin; Rerun takes none for null
     head.pose.orientation.w = 1.0
     for k, name in enumerate("xyz"):
         head.fields.add(name=name, offset=4 * k, type="FLOAT32")

@@ -13,7 +13,7 @@ from orchestrator.recording.messages import Messages, Signal, signals
 from orchestrator.recording.reader import Recording
 from orchestrator.recording.topics import WALL_CLOCK, Topic
 
-PROFILE = "/scene/profile"
+PROFILE, REFERENCE = "/scene/profile", "/scene/reference"
 NUMBERS = (FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.TYPE_SFIXED64)
 MANY = 12  # fields in a plot, beyond which nobody sees anything
 
@@ -99,8 +99,11 @@ def _flight(contents: Contents) -> list[Plot]:
     """Return height, altitude, speed and heading."""
     made = [_height(contents)]
     for name in ("altitude", "speed", "heading"):
-        known = [name, f"reference_{name}", *(["ground"] if name == "altitude" else [])]
-        made.append(_of_topic(contents, PROFILE, name, known))
+        known = [name, *(["ground"] if name == "altitude" else [])]
+        flown = _of_topic(contents, PROFILE, name, known)
+        wanted = _of_topic(contents, REFERENCE, name, [name], "reference ")
+        fields = (*flown.fields[:1], *wanted.fields, *flown.fields[1:])
+        made.append(Plot(name, flown.unit or wanted.unit, fields))
     return made
 
 
@@ -184,14 +187,16 @@ def _field(signal: Signal, contents: Contents, label: str) -> Field:
     return Field(signal.topic, message, signal.field_name, label)
 
 
-def _of_topic(contents: Contents, topic: str, title: str, names: Iterable[str]) -> Plot:
-    """Return the plot of those fields of a topic that there are."""
+def _of_topic(
+    contents: Contents, topic: str, title: str, names: Iterable[str], what: str = ""
+) -> Plot:
+    """Return the plot of those fields of a topic that there are; labels begin with ``what``."""
     if topic not in contents.topics:
         return Plot("", "", ())
     described = contents.topics[topic]
     units = {name: described.metadata.get(f"unit.{name}") for name in names}
     fields = tuple(
-        Field(topic, described.message, name, f"{name.replace('_', ' ')} [{unit}]")
+        Field(topic, described.message, name, f"{what}{name.replace('_', ' ')} [{unit}]")
         for name, unit in units.items()
         if unit is not None
     )

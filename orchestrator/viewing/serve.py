@@ -107,14 +107,17 @@ class Server(ThreadingHTTPServer):
     Raises
     ------
     OSError
-        If the port is taken; 0 takes any.
+        If the port is taken; 0 takes any. The message names it.
     """
 
     daemon_threads = True
 
     def __init__(self, files: Mapping[str, File], port: int = 0) -> None:
         self.files = dict(files)
-        super().__init__((HOST, port), _Handler)
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            raise OSError(f"port {port}: cannot be listened on, {error.strerror}") from error
 
     def address(self, name: str) -> str:
         """Return the address of a file."""
