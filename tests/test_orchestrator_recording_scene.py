@@ -103,6 +103,7 @@ def test_every_message_is_complete_and_in_its_frame(file):
         found.add(topic)
         for pose in poses(message):
             q = pose.orientation
+            assert pose.HasField("position")  # to some readers none is not the origin
             assert q.x**2 + q.y**2 + q.z**2 + q.w**2 == pytest.approx(1.0)
         if message.DESCRIPTOR.full_name == "foxglove.SceneUpdate":
             assert not message.deletions
