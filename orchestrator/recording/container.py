@@ -102,12 +102,11 @@ class Container:
     def _add_chunk(self, told: Sequence[Told]) -> None:
         data, index = assemble(told)
         compressed = self._compress(data)
-        times = told[0][0], told[-1][0]
         chunk = Chunk(
             compression=self._compression,
             data=compressed,
-            message_start_time=times[0],
-            message_end_time=times[1],
+            message_start_time=told[0][0],
+            message_end_time=told[-1][0],
             uncompressed_crc=crc32(data),
             uncompressed_size=len(data),
         )
@@ -125,13 +124,13 @@ class Container:
             ChunkIndex(
                 chunk_start_offset=start,
                 chunk_length=length,
-                compression=self._compression,
+                compression=chunk.compression,
                 compressed_size=len(compressed),
-                message_start_time=times[0],
-                message_end_time=times[1],
+                message_start_time=chunk.message_start_time,
+                message_end_time=chunk.message_end_time,
                 message_index_offsets=offsets,
                 message_index_length=end - start - length,
-                uncompressed_size=len(data),
+                uncompressed_size=chunk.uncompressed_size,
             )
         )
 

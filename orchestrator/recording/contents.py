@@ -33,7 +33,7 @@ DAMAGE = (
     MemoryError,  # a length
     RuntimeError,  # lz4
 )
-HEAD = 9  # bytes of a record before its content: opcode and length
+
 
 _FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, start of summary and of its offsets, CRC
 

@@ -139,15 +139,15 @@ def assemble(told: Sequence[Told]) -> tuple[bytes, dict[int, list[int]]]:
     index: defaultdict[int, list[int]] = defaultdict(list)
     pieces: list[Buffer] = []
     start = begin = done = 0  # of a row: where it begins, and where in `data`; so much is in pieces
-    for time, row, filled, between in told:
+    for each in told:
+        time, row, filled, between = each
         for channel, offset in row.records:
             index[channel] += time, start + offset
-        start += row.size
+        start += row_bytes(each)
         if between:
             for cut, part in zip(row.cuts, between, strict=True):
                 pieces += [data[done : begin + cut], part]
                 done = begin + cut
-            start += len(between[-1]) * row.has_tail
         begin += len(filled)
     pieces.append(data[done:])
     return b"".join(cast(list[bytes], pieces)), index  # arrays are as good to it as bytes

@@ -15,7 +15,8 @@ from mcap.records import Chunk, McapRecord, Message, Statistics
 from mcap.writer import MCAP0_MAGIC
 from zlib_ng.zlib_ng import crc32
 
-from orchestrator.recording.contents import DAMAGE, HEAD, Contents, parse, summary_start
+from orchestrator.recording.contents import DAMAGE, Contents, parse, summary_start
+from orchestrator.recording.rows import AFTER_LENGTH
 
 # opcode, length, two times, size, CRC, name of the compression
 CHUNK = re.compile(rb"\x06.{5}\0{3}.{28}(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4})", re.DOTALL)
@@ -52,9 +53,9 @@ def _walk(data: bytes, at: int, end: int) -> Iterator[McapRecord | None]:
 
     The CRCs of chunks are not looked at.
     """
-    while at + HEAD <= end:
+    while at + AFTER_LENGTH <= end:
         opcode, length = unpack_from("<BQ", data, at)
-        behind = at + HEAD + length
+        behind = at + AFTER_LENGTH + length
         record = _record(data[at:behind], opcode) if behind <= end else None
         if record is None:
             looks_like_one = CHUNK.search(data, at + 1, end)
@@ -71,11 +72,14 @@ def _record(data: bytes, opcode: int) -> McapRecord | None:
     try:
         record = parse(data)
         if isinstance(record, Chunk):
-            (size,) = unpack_from("<Q", data, HEAD + 32 + len(record.compression))
-            if HEAD + 40 + len(record.compression) + size != len(data):
+            (size,) = unpack_from("<Q", data, AFTER_LENGTH + 32 + len(record.compression))
+            if AFTER_LENGTH + 40 + len(record.compression) + size != len(data):
                 return None
     except (*DAMAGE, StopIteration):
         return None
-    if opcode == Opcode.ATTACHMENT and crc32(data[HEAD:-4]) != unpack_from("<I", data[-4:])[0]:
+    if (
+        opcode == Opcode.ATTACHMENT
+        and crc32(data[AFTER_LENGTH:-4]) != unpack_from("<I", data[-4:])[0]
+    ):
         return None
     return record

@@ -204,13 +204,13 @@ def _rotor(roles: Roles) -> Part:
 def _profiles(roles: Roles) -> list[Part]:
     """Return the flight in numbers, and what they should be, each as often as it is told."""
     sources = _sources(roles, ("pose", "clearance", "velocity"))
-    is_ = profile(_looks(roles, sources))
-    made = [Part("/scene/profile", is_.message, is_.layout, sources, units=is_.units)]
+    flown = profile(_looks(roles, sources))
+    made = [Part("/scene/profile", flown.message, flown.layout, sources, units=flown.units)]
     if "reference" in roles:
         sources = _sources(roles, ("reference", "pose"))
-        ought = reference_profile(_looks(roles, sources))
+        wanted = reference_profile(_looks(roles, sources))
         made.append(
-            Part("/scene/reference", ought.message, ought.layout, sources, units=ought.units)
+            Part("/scene/reference", wanted.message, wanted.layout, sources, units=wanted.units)
         )
     return made
 
