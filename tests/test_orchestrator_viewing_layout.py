@@ -100,7 +100,8 @@ def test_every_path_exists(recording):
 def test_every_topic_of_a_layout_exists(recording):
     """So do the topics that the 3D panel and the log panel show."""
     made = layout(recorded(recording))
-    assert set(made["configById"]["3D!scene"]["topics"]) <= set(recording.topics)
+    shown = made["configById"].get("3D!scene", {"topics": {}})
+    assert set(shown["topics"]) <= set(recording.topics)
     assert made["configById"]["RosOut!log"]["topicToRender"] in recording.topics
 
 
@@ -141,11 +142,29 @@ def test_plots_show_heights_limits_and_states(tmp_path):
     """Set height and actuator limits are lines, enumerations are states, times are plotted."""
     contents = recorded(flown(tmp_path, SYSTEMS["helicopter"]))
     found = pages(contents)
-    assert list(found) == ["flight", "controls", "updates"]
+    assert list(found)[:3] == ["flight", "controls", "updates"]
+    assert list(found)[-1] == "timing"
     assert found["flight"][0].lines == {"set height": 10.0}
     assert found["controls"][0].lines["max of thrust"] == 3.5
     assert "ladder" in {field.name for field in states(contents)}
-    assert {"/mpc/cost", "/wall_clock"} <= {f.topic for p in found["updates"] for f in p.fields}
+    assert "/mpc/cost" in {f.topic for p in found["updates"] for f in p.fields}
+    assert {f.topic for p in found["timing"] for f in p.fields} == {"/wall_clock"}
+
+
+def test_what_no_role_tells_of_is_plotted_by_component(tmp_path):
+    """Without roles the plots of all outputs take the scene's place, a page for each component."""
+    ports = [
+        port("a", "x", "m"),
+        port("a", "y", "rad"),
+        port("b", "z"),
+        port("b", "t", kind="String"),
+    ]
+    contents = recorded(flown(tmp_path, make_system(ports)))
+    found = {page: [p.unit for p in plots] for page, plots in pages(contents).items()}
+    assert found == {"a": ["m", "rad"], "b": ["m"]}
+    made = layout(contents)
+    assert "3D!scene" not in made["configById"]
+    assert made["layout"]["first"] == "Tab!plots"
 
 
 def test_a_height_that_changes_is_a_series(tmp_path):

@@ -1,5 +1,7 @@
 """What Rerun shows of a recording: the scene, followed from behind, with plots and states beside.
 
+Without a scene the plots take its place.
+
 Series are fields of the recorded messages, by selectors: nothing is recorded twice.
 """
 
@@ -9,7 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-from orchestrator.viewing.plots import Contents, Field, Plot, pages, states
+from orchestrator.viewing.plots import Contents, Field, Plot, pages, scene, states
 
 CHASE = "chase"  # a frame that goes along and turns, but does not tilt: x ahead, y left, z up
 COLORS = (0x3B82F6FF, 0xF59E0BFF, 0x14B8A6FF, 0xB05CFFFF, 0xE5484DFF, 0xA1A1AAFF)
@@ -27,8 +29,13 @@ def blueprint(contents: Contents) -> rrb.Blueprint:
     below: list[Any] = [rrb.TextLogView(origin="/log", name="log")]
     if states(contents):
         below.insert(0, rrb.StateTimelineView(origin="/states", name="states"))
-    left = rrb.Vertical(_scene(), rrb.Horizontal(*below), row_shares=[7, 2])
-    whole = rrb.Horizontal(left, rrb.Tabs(*tabs), column_shares=[3, 2]) if tabs else left
+    whole: Any = rrb.Horizontal(*below)
+    if drawn := scene(contents):
+        whole = rrb.Vertical(_scene(), whole, row_shares=[7, 2])
+    if tabs and drawn:
+        whole = rrb.Horizontal(whole, rrb.Tabs(*tabs), column_shares=[3, 2])
+    elif tabs:
+        whole = rrb.Vertical(rrb.Tabs(*tabs), whole, row_shares=[7, 2])
     time = rrb.TimePanel(timeline="message_log_time", state="collapsed")
     return rrb.Blueprint(
         whole, time, rrb.BlueprintPanel(state="hidden"), rrb.SelectionPanel(state="hidden")

@@ -1,5 +1,7 @@
 """A layout for Lichtblick and Foxglove: the scene, followed, with plots, states and log beside.
 
+Without a scene the plots take its place.
+
 The form is that of Lichtblick's layout files; every path in it is a field of the recording.
 """
 
@@ -10,7 +12,7 @@ from typing import Any
 
 from orchestrator.recording.frames import BODY
 from orchestrator.recording.topics import LOG
-from orchestrator.viewing.plots import Contents, Field, Plot, pages, states
+from orchestrator.viewing.plots import Contents, Field, Plot, pages, scene, states
 
 NAME = "lichtblick-layout.json"  # of the attachment
 COLORS = ("#3b82f6", "#f59e0b", "#14b8a6", "#b05cff", "#e5484d", "#a1a1aa")
@@ -31,15 +33,17 @@ TWICE = ("/scene/terrain_points", "/scene/pose", "/scene/plan")  # drawn better 
 
 def layout(contents: Contents) -> dict[str, Any]:
     """Return the layout as plain data."""
-    panels = {"3D!scene": _scene(contents), "RosOut!log": _log()}
-    below: Any = "RosOut!log"
+    panels: dict[str, Any] = {"RosOut!log": _log()}
+    tree: Any = "RosOut!log"
     if enumerations := states(contents):
         panels["StateTransitions!states"] = {
             "paths": [_series(field) for field in enumerations],
             "isSynced": True,
         }
-        below = _split("row", "StateTransitions!states", below, 55)
-    left = _split("column", "3D!scene", below, 76)
+        tree = _split("row", "StateTransitions!states", tree, 55)
+    if drawn := scene(contents):
+        panels["3D!scene"] = _scene(drawn)
+        tree = _split("column", "3D!scene", tree, 76)
     tabs: list[dict[str, Any]] = []
     number = count(1)
     for title, plots in pages(contents).items():
@@ -48,12 +52,14 @@ def layout(contents: Contents) -> dict[str, Any]:
         tabs.append({"title": title, "layout": _column(list(named))})
     if tabs:
         panels["Tab!plots"] = {"activeTabIdx": 0, "tabs": tabs}
+        beside = _split("row", tree, "Tab!plots", 58)
+        tree = beside if drawn else _split("column", "Tab!plots", tree, 76)
     return {
         "configById": panels,
         "globalVariables": {},
         "userNodes": {},
         "playbackConfig": {"speed": 1},
-        "layout": _split("row", left, "Tab!plots", 58) if tabs else left,
+        "layout": tree,
     }
 
 
@@ -62,13 +68,8 @@ def layout_json(contents: Contents) -> bytes:
     return json.dumps(layout(contents), indent=1, ensure_ascii=False).encode()
 
 
-def _scene(contents: Contents) -> dict[str, Any]:
+def _scene(drawn: Sequence[str]) -> dict[str, Any]:
     """Return the 3D panel: all that there is to be seen is visible."""
-    drawn = [
-        name
-        for name, topic in contents.topics.items()
-        if name.startswith("/scene/") and topic.message.startswith("foxglove.")
-    ]
     return {
         "lichtblickPanelTitle": "flight",
         "followTf": BODY,

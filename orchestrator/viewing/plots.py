@@ -15,7 +15,8 @@ from orchestrator.recording.topics import WALL_CLOCK, Topic
 
 PROFILE, REFERENCE = "/scene/profile", "/scene/reference"
 NUMBERS = (FieldDescriptorProto.TYPE_DOUBLE, FieldDescriptorProto.TYPE_SFIXED64)
-MANY = 12  # fields in a plot, beyond which nobody sees anything
+MANY = 12  # fields in a plot, and
+HIGH = 6  # plots on a page, beyond which nobody sees anything
 
 
 @dataclass(frozen=True)
@@ -84,13 +85,31 @@ def planned(system: System, topics: Iterable[Topic]) -> Contents:
     return Contents(listed, described, system.scenario.scene, constant)
 
 
+def scene(contents: Contents) -> list[str]:
+    """Return the topics of which there is something to see in 3D."""
+    return [
+        name
+        for name, topic in contents.topics.items()
+        if name.startswith("/scene/") and topic.message.startswith("foxglove.")
+    ]
+
+
 def pages(contents: Contents) -> dict[str, list[Plot]]:
-    """Return all plots by page; a page without plots is left out."""
+    """Return all plots by page: what the roles tell of, components that they leave out, timing.
+
+    A page without plots is left out.
+    """
     found = {
         "flight": _flight(contents),
         "controls": _controls(contents),
         "updates": _updates(contents),
     }
+    fields = [field for plots in found.values() for plot in plots for field in plot.fields]
+    seen = {_component(contents, field.topic) for field in fields}
+    for component in dict.fromkeys(_component(contents, name) for name in contents.topics):
+        if component and component not in seen:
+            found.setdefault(component, []).extend(_outputs(contents, component)[:HIGH])
+    found.setdefault("timing", []).extend(_timing(contents))
     shown = {page: [plot for plot in plots if plot.fields] for page, plots in found.items()}
     return {page: plots for page, plots in shown.items() if plots}
 
@@ -115,23 +134,36 @@ def _controls(contents: Contents) -> list[Plot]:
 
 
 def _updates(contents: Contents) -> list[Plot]:
-    """Return how the planning component fares: its numbers by topic and unit, measured times."""
-    planner = contents.scene.get("plan", "").partition(".")[0]
-    numbers: dict[str, list[Signal]] = {}
+    """Return how the planning component fares: all that it tells but the plan itself."""
+    planner, _, plan = contents.scene.get("plan", "").partition(".")
+    but = f"/{planner}/{plan.replace('.', '/')}"
+    return _outputs(contents, planner, but) if planner else []
+
+
+def _timing(contents: Contents) -> list[Plot]:
+    """Return the measured times."""
+    if WALL_CLOCK not in contents.topics:
+        return []
+    known = [key[5:] for key in contents.topics[WALL_CLOCK].metadata if key[:5] == "unit."]
+    return [_of_topic(contents, WALL_CLOCK, "measured time of a step", known)]
+
+
+def _outputs(contents: Contents, component: str, but: str = "") -> list[Plot]:
+    """Return the outputs of a component by topic and unit, without those of one topic."""
+    topics: dict[str, list[Signal]] = {}
     for signal in contents.signals.values():
         is_output = contents.topics[signal.topic].metadata.get("kind") == "outputs"
-        if planner and signal.name.startswith(f"{planner}.") and is_output:
-            numbers.setdefault(signal.topic, []).append(signal)
-    made = [
+        if is_output and _component(contents, signal.topic) == component and signal.topic != but:
+            topics.setdefault(signal.topic, []).append(signal)
+    return [
         plot
-        for topic, members in numbers.items()
-        if topic != f"/{contents.scene['plan'].replace('.', '/')}"
+        for topic, members in topics.items()
         for plot in _by_unit(topic.rpartition("/")[2], members, contents)
     ]
-    if WALL_CLOCK in contents.topics:
-        known = [key[5:] for key in contents.topics[WALL_CLOCK].metadata if key[:5] == "unit."]
-        made.append(_of_topic(contents, WALL_CLOCK, "measured time of a step", known))
-    return made
+
+
+def _component(contents: Contents, topic: str) -> str:
+    return contents.topics[topic].metadata.get("component", "")
 
 
 def states(contents: Contents) -> list[Field]:
