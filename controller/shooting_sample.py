@@ -28,7 +28,7 @@ def casadi() -> Any:
         return import_module("casadi")
     except ModuleNotFoundError:
         raise ValueError(
-            "shooting: casadi is missing, got none, expected `pip install hedgehop[paper]`"
+            "shooting: casadi is missing, got none, expected `pip install casadi`"
         ) from None
 
 

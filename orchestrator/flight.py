@@ -16,6 +16,7 @@ from orchestrator.figures.trace import Trace
 from orchestrator.listener import Listener, Result
 from orchestrator.recording.reader import Recording
 from orchestrator.recording.recorder import Recorder
+from orchestrator.recording.whole import refuse_source
 from orchestrator.run.events import Change
 from orchestrator.run.simulate import simulate
 from orchestrator.scenario.load import load
@@ -78,8 +79,19 @@ def fly_system(
     listeners: Sequence[Listener] = (),
     requests: Callable[[int], Sequence[Change]] | None = None,
 ) -> Flight:
-    """Run a system that was built and take its figures; see ``simulate`` for the callbacks."""
+    """Run a system that was built and take its figures; see ``simulate`` for the callbacks.
+
+    Raises
+    ------
+    ScenarioError
+        If ``out`` is a file that the scenario reads, or cannot be written; whatever else is wrong.
+    """
     scenario = system.scenario
+    if out is not None:
+        try:
+            refuse_source(out, [file for plan in system.plans for file in plan.files])
+        except ValueError as error:
+            raise ScenarioError([Problem((), str(error))]) from error
     trace = Trace()
     logbook = Logbook(trace)
 

@@ -46,7 +46,8 @@ def paper(
     """
     missing = [name for module, name in NEEDED.items() if find_spec(module) is None]
     if missing:
-        what = f"paper: got no {' and no '.join(missing)}, expected pip install hedgehop[paper]"
+        how = f"`pip install {' '.join(missing)}`"
+        what = f"paper: got no {' and no '.join(missing)}, expected {how}"
         raise ScenarioError([Problem((), what)])
     modules = [import_module(f"paper.{name}") for name in MODULES]
     if figure is not None:

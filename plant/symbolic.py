@@ -29,7 +29,7 @@ def casadi() -> Any:
         return import_module("casadi")
     except ModuleNotFoundError:
         raise ValueError(
-            "symbolic dynamics: casadi is missing, got none, expected `pip install hedgehop[fmu]`"
+            "symbolic dynamics: casadi is missing, got none, expected `pip install casadi`"
         ) from None
 
 

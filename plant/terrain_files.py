@@ -165,7 +165,7 @@ def _tif(path: Path) -> Posts:
         rasterio: Any = import_module("rasterio")
     except ModuleNotFoundError:
         raise ValueError(
-            f"{path}: GeoTIFF needs rasterio, got none, expected `pip install hedgehop[geo]`"
+            f"{path}: GeoTIFF needs rasterio, got none, expected `pip install rasterio`"
         ) from None
     try:
         with rasterio.open(path) as data:

@@ -117,5 +117,5 @@ def test_needs_a_symbolic_model_and_casadi(monkeypatch):
     with pytest.raises(ValueError, match="got rotor 'collective'"):
         shooter(HelicopterModel(ModelParameters(rotor="collective")), H)
     monkeypatch.setitem(sys.modules, "casadi", None)
-    with pytest.raises(ValueError, match=r"expected `pip install hedgehop\[paper\]`"):
+    with pytest.raises(ValueError, match=r"expected `pip install casadi`"):
         shooter(STEP.model, H)

@@ -390,7 +390,7 @@ def test_a_missing_extra_is_one_line_that_says_how_to_install_it(capsys, monkeyp
     monkeypatch.setitem(sys.modules, "foxglove", None)
     monkeypatch.delitem(sys.modules, "orchestrator.live.live")
     assert status(["run", "glide.yaml", "--live"]) == 2
-    wanted = "--live: needs foxglove-sdk, got none, expected `pip install hedgehop[live]`\n"
+    wanted = "--live: needs foxglove-sdk, got none, expected `pip install foxglove-sdk`\n"
     assert capsys.readouterr().err.endswith(wanted)
 
 

@@ -82,7 +82,32 @@ def test_a_replay_finds_no_difference_in_an_equal_flight(folder, capsys):
     fly("glider.yaml", ["components.pilot.parameters.gain_per_s=0.3"], out="first.mcap")
     (folder / "glider.yaml").unlink()
     assert status(["replay", "first.mcap", "--trust"]) == 0
-    assert "no difference" in capsys.readouterr().out
+    count = len(Recording.open(folder / "first.mcap").signals)
+    assert f"no difference in {count} signals" in capsys.readouterr().out
+
+
+def test_a_replay_without_signals_says_that_there_were_none(folder, capsys):
+    """Agreement of nothing with nothing is not told as agreement."""
+    fly("glider.yaml", ["recording.include=[/events]"], out="first.mcap")
+    assert status(["replay", "first.mcap", "--trust"]) == 0
+    assert "in how it ends; no signals were recorded" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["replay", "first.mcap", "--trust", "--out", "first.mcap"],
+        ["run", "glider.yaml", "--set", "components.pilot.use=first.mcap", "--out", "first.mcap"],
+    ],
+)
+def test_a_recording_that_is_read_is_not_written_over(folder, capsys, command):
+    """Neither by its own replay nor by a flight in which it plays a component."""
+    fly("glider.yaml", out="first.mcap")
+    before = (folder / "first.mcap").read_bytes()
+    assert status(command) == 2
+    wanted = "first.mcap: is what is read, expected another file to write to"
+    assert wanted in capsys.readouterr().err
+    assert (folder / "first.mcap").read_bytes() == before
 
 
 def test_a_replay_tells_the_first_difference_and_what_has_changed_since(folder, capsys):

@@ -10,6 +10,7 @@ from fake_system import flight, helicopter, tell
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from orchestrator.command.app import status
 from orchestrator.recording.reader import Recording
 from orchestrator.recording.recorder import Recorder
 from orchestrator.viewing import view
@@ -156,3 +157,25 @@ def test_a_recording_is_served_with_its_layout(tmp_path, monkeypatch):
     assert "ds=remote-file&ds.url=http%3A%2F%2F127.0.0.1%3A" in text
     assert "f.mcap" in text
     assert NAME in text
+
+
+@pytest.mark.parametrize(
+    ("options", "installed", "wanted"),
+    [
+        (["--web", "--serve"], True, "view: got --serve and --web, expected one of them"),
+        (["--web"], False, "--web: rerun is not installed, expected `pip install rerun-sdk`"),
+        ([], True, "view: no display for a window, expected one, --web or --serve"),
+    ],
+)
+def test_what_cannot_be_shown_is_one_line(
+    tmp_path, capsys, monkeypatch, options, installed, wanted
+):
+    """Two ways at once, a package that is missing, a window where there is no display."""
+    system = helicopter(cells=2, capacity=3, posts=2)
+    tell(Recorder(tmp_path / "f.mcap"), system, flight(system, 0.2))
+    monkeypatch.setattr(view, "has_rerun", lambda: installed)
+    monkeypatch.setattr(view.sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert status(["view", str(tmp_path / "f.mcap"), *options]) == 2
+    assert capsys.readouterr().err == f"{wanted}\n"

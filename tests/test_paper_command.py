@@ -75,9 +75,7 @@ def test_nothing_is_lost(studies, tmp_path, monkeypatch):
 def test_missing_extra(studies, tmp_path, monkeypatch):
     """Without the extra's packages one line names what is missing and how to get it."""
     monkeypatch.setattr(command, "find_spec", lambda name: None if name == "casadi" else True)
-    with pytest.raises(
-        ScenarioError, match=r"got no casadi, expected pip install hedgehop\[paper\]"
-    ):
+    with pytest.raises(ScenarioError, match=r"got no casadi, expected `pip install casadi`"):
         command.paper(out=tmp_path)
     assert not studies
 

@@ -67,7 +67,7 @@ def test_casadi_is_asked_for_only_when_needed():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stderr == ""
-    assert done.stdout.endswith("got none, expected `pip install hedgehop[fmu]`\n")
+    assert done.stdout.endswith("got none, expected `pip install casadi`\n")
 
 
 @pytest.mark.parametrize("form", ["attitude", "actuator"])

@@ -220,7 +220,7 @@ def test_geotiff_without_rasterio(tmp_path, monkeypatch):
     file = tmp_path / "a.tif"
     file.write_bytes(b"II*\x00")
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    with pytest.raises(ValueError, match=r"expected `pip install hedgehop\[geo\]`"):
+    with pytest.raises(ValueError, match=r"expected `pip install rasterio`"):
         read_posts(file)
 
 

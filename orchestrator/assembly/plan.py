@@ -1,8 +1,9 @@
 """One planned call as a record, which another process can take without knowing how it was planned."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, cast
 
 from orchestrator.scenario.marks import KeyPath
 
@@ -33,3 +34,21 @@ class Plan:
     def needs(self) -> list[KeyPath]:
         """Paths of the resources."""
         return [("resources", name) for name in self.resources.values()]
+
+    @property
+    def files(self) -> list[Path]:
+        """Files and folders among the arguments."""
+        return list(_paths(self.arguments))
+
+
+def _paths(value: object) -> Iterator[Path]:
+    if isinstance(value, Path):
+        yield value
+    elif is_dataclass(value):
+        for each in fields(value):
+            yield from _paths(getattr(value, each.name))
+    elif isinstance(value, Mapping):
+        yield from _paths(list(cast(Mapping[str, object], value).values()))
+    elif isinstance(value, list | tuple):
+        for one in cast(list[object], value):
+            yield from _paths(one)

@@ -133,7 +133,9 @@ def replay(
     if caught:
         return 128 + caught[0]
     if not found.differences:
-        print(f"{recording}: flown again, no difference")
+        count = len(recorded.signals)
+        what = f"{count} signals" if count else "how it ends; no signals were recorded"
+        print(f"{recording}: flown again, no difference in {what}")
         return 0
     for key, (then, now) in found.changes.items():
         print(f"{key}: {then} then, {now} now")
@@ -152,7 +154,7 @@ def _live(
     except ModuleNotFoundError as error:
         if error.name != "foxglove":
             raise
-        what = "--live: needs foxglove-sdk, got none, expected `pip install hedgehop[live]`"
+        what = "--live: needs foxglove-sdk, got none, expected `pip install foxglove-sdk`"
         raise ScenarioError([Problem((), what)]) from error
     from orchestrator.command.terminal import status_line
 

@@ -153,17 +153,19 @@ def view(
     web
         Rerun's viewer in a browser.
     port
-        Where to serve; any free port if 0.
+        Where to serve, or Rerun's page; any free port if 0.
     """
     from orchestrator.recording.reader import Recording
     from orchestrator.viewing import view as viewing
 
     with user_errors():
         opened = Recording.open(recording)
+        if web and serve:
+            raise ValueError("view: got --serve and --web, expected one of them")
         if web and not viewing.has_rerun():
-            raise ValueError("--web: rerun is not installed, expected pip install hedgehop[rerun]")
+            raise ValueError("--web: rerun is not installed, expected `pip install rerun-sdk`")
         if viewing.has_rerun() and not serve:
-            return viewing.show(opened, is_web=web)
+            return viewing.show(opened, web_port=port if web else None)
         if not serve:
             print("note: rerun is not installed, hence for other viewers:", file=sys.stderr)
         viewing.serve(opened, port, lambda line: print(line, flush=True))

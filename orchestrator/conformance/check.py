@@ -4,7 +4,8 @@
 >>> clauses = check_component("my_package:make_my_component")  # doctest: +SKIP
 >>> print("; ".join(str(clause) for clause in clauses))  # doctest: +SKIP
 
-One clause starts another process; all can be checked in one, for a component that may crash.
+One clause starts another process; all can be checked in one, for a component that may crash. What can
+be instantiated only once per process has a new one for each clause, and for each other instance.
 """
 
 from collections.abc import Callable, Mapping
@@ -101,7 +102,8 @@ def check_component(
         Inputs held throughout, instead of their start values.
     timeout_s : float, optional
         Check in another process, which may take so long for every clause, s; a crash or a hang is a
-        clause that is not kept. The factory must be given by name.
+        clause that is not kept. The factory must be given by name. Without it, what can be
+        instantiated only once per process is made here again and again, one after the other.
 
     Raises
     ------
@@ -116,9 +118,12 @@ def check_component(
     checked: list[Clause] = []
     try:
         process.limit(timeout_s)
+        only = False
         with suppress(ComponentDied, ComponentTimeout):  # the clauses tell
-            process.ask("call", _make, case)
+            only = process.ask("call", _make, case)
         for name, (promise, _) in CONTRACT.items():
+            if only:
+                process.close()
             if not process.is_open:
                 process = Process()
                 process.limit(timeout_s)
@@ -131,21 +136,19 @@ def check_component(
     return checked
 
 
-def _make(case: clauses.Case) -> None:
-    """Make the component once, which may be refused."""
+def _make(case: clauses.Case) -> bool:
+    """Make the component once, which may be refused; return whether its process takes no other."""
     try:
-        case.new()
+        instance = case.new()
+        with suppress(Exception):  # a clause of its own
+            return clauses.is_only(instance)
     except (OSError, ValueError):
         raise
     except Exception as error:
         raise ValueError(f"cannot be made, {type(error).__name__}: {error}") from error
-    _unmake(case)
-
-
-def _unmake(case: clauses.Case) -> None:
-    while case.made:
-        with suppress(Exception):  # a clause of its own
-            case.made.pop().component.terminate()
+    finally:
+        case.unmake()
+    return False
 
 
 def _checked(name: str, case: clauses.Case) -> Clause:
@@ -159,5 +162,5 @@ def _checked(name: str, case: clauses.Case) -> Clause:
         verdict, detail = "failed", str(error)
     except Exception as error:  # noqa: BLE001  (whatever a component raises is its failure)
         verdict, detail = "failed", f"{type(error).__name__}: {error}"
-    _unmake(case)
+    case.unmake()
     return Clause(name, promise, verdict, detail)

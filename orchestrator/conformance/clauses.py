@@ -3,9 +3,10 @@
 import pickle
 import random
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription
 
 SEED = 20050603
+T = TypeVar("T")
 
 
 class NotApplicable(Exception):  # noqa: N818  (a verdict)
@@ -51,10 +53,47 @@ class Case:
     def started(self) -> tuple[Instance, dict[str, Port]]:
         """Return a new instance with its inputs set, initialized, and its ports."""
         instance = self.new()
+        return instance, self.start(instance)
+
+    def start(self, instance: Instance) -> dict[str, Port]:
+        """Set an instance's inputs, initialize it, and return its ports."""
         own = ports(instance.name, instance.description)
         instance.set(self.inputs(own))
         instance.initialize(start_time=0.0, stop_time=None, seed=SEED)
-        return instance, own
+        return own
+
+    def unmake(self) -> None:
+        """Terminate all that was made."""
+        while self.made:
+            with suppress(Exception):  # a clause of its own
+                self.made.pop().component.terminate()
+
+    def beside(self, instance: Instance, task: "Callable[[Case], T]") -> T:
+        """Return what a task finds with an instance of its own, besides one that is here.
+
+        Where that allows no other in its process, the task has a new one.
+        """
+        return self.elsewhere(task) if is_only(instance) else task(self)
+
+    def elsewhere(self, task: "Callable[..., T]", *arguments: object) -> T:
+        """Return what a task finds in a new process.
+
+        Raises
+        ------
+        NotApplicable
+            If the component cannot be made there.
+        """
+        if not isinstance(self.factory, str):
+            raise NotApplicable("not tried: the factory must be 'module:attribute'")
+        try:
+            pickle.dumps(self.arguments)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise NotApplicable(f"not tried: the arguments cannot be pickled, {error}") from error
+        process = Process()
+        try:
+            return process.ask("call", _alone, task, replace(self, made=[]), *arguments)
+        finally:
+            process.close()
 
     def inputs(self, own: Mapping[str, Port]) -> dict[str, Value]:
         """Return the inputs that are held during every check: as given, else the start values."""
@@ -65,10 +104,6 @@ class Case:
     def size(self, instance: Instance) -> float:
         """Return the step size, s."""
         return self.step_s or period_ns(instance.component.execution.rate_hz) / SECOND
-
-    def fresh(self) -> "Case":
-        """Return a case that has made nothing, for another process."""
-        return replace(self, made=[])
 
     def run(
         self, instance: Instance, first: int, count: int, *, reads: int = 1
@@ -83,6 +118,20 @@ class Case:
                 raise Broken(f"step at t = {k * size:g} s answered {status!r}")
             rows.append([instance.get(names) for _ in range(reads)][-1])
         return rows
+
+
+def is_only(instance: Instance) -> bool:
+    """Return whether no other can be made in its process."""
+    co_simulation = instance.description.coSimulation
+    return co_simulation is not None and bool(co_simulation.canBeInstantiatedOnlyOncePerProcess)
+
+
+def _alone(task: Callable[..., T], case: Case, *arguments: object) -> T:
+    """Return what a task finds, with nothing left of it."""
+    try:
+        return task(case, *arguments)
+    finally:
+        case.unmake()
 
 
 def description(case: Case) -> str | None:
@@ -100,11 +149,16 @@ def description(case: Case) -> str | None:
 def construction(case: Case) -> None:
     """Make two, and watch the global random generators."""
     shared = (random.getstate(), _bits(np.random.get_state()))  # noqa: NPY002
-    first, second = case.new(), case.new()
-    texts = [_text(instance.component.describe()) for instance in (first, second, first)]
+    first = case.new()
+    texts = [_text(first.description), case.beside(first, _described)]
+    texts.append(_text(first.component.describe()))
     _refuse("two descriptions differ" if len(set(texts)) > 1 else "")
     now = (random.getstate(), _bits(np.random.get_state()))  # noqa: NPY002
     _refuse("a global random generator was used" if now != shared else "")
+
+
+def _described(case: Case) -> str:
+    return _text(case.new().component.describe())
 
 
 def execution(case: Case) -> str:
@@ -128,7 +182,7 @@ def outputs_as_described(case: Case) -> None:
 
 
 def get_copies(case: Case) -> None:
-    """Overwrite what get returned and read again; read more often and compare."""
+    """Overwrite what get returned and read again; compare with one that is read less often."""
     instance, own = case.started()
     names = _outputs(own)
     first = instance.get(names)
@@ -138,26 +192,36 @@ def get_copies(case: Case) -> None:
             value[...] = np.zeros((), value.dtype) if value.dtype.kind != "f" else -1e9
     first.clear()
     _refuse("the second read differs" if _bits(instance.get(names)) != before else "")
-    (seldom, _), (often, _) = case.started(), case.started()
-    rows = case.run(seldom, 0, case.steps), case.run(often, 0, case.steps, reads=3)
-    _refuse("reading more often changes outputs" if _bits(rows[0]) != _bits(rows[1]) else "")
+    seldom = case.beside(instance, _run)
+    often = _bits(case.run(instance, 0, case.steps, reads=3))
+    _refuse("reading more often changes outputs" if seldom != often else "")
+
+
+def _run(case: Case) -> bytes:
+    instance, _ = case.started()
+    return _bits(case.run(instance, 0, case.steps))
 
 
 def set_copies(case: Case) -> None:
     """Overwrite what was set, and compare with an instance for which it is kept."""
-    (kept, own), (changed, _) = case.started(), case.started()
+    changed, own = case.started()
     inputs = case.inputs(own)
     if not inputs:
         raise NotApplicable("there are no inputs")
     values = {n: np.array(v) if isinstance(v, np.ndarray) else v for n, v in inputs.items()}
-    kept.set(inputs)
     changed.set(values)
     for value in values.values():
         if isinstance(value, np.ndarray):
             value[...] = -1e9 if value.dtype.kind == "f" else np.zeros((), value.dtype)
     values.clear()
-    same = _bits(case.run(kept, 0, 1)) == _bits(case.run(changed, 0, 1))
+    same = case.beside(changed, _set_again) == _bits(case.run(changed, 0, 1))
     _refuse("" if same else "outputs follow the caller's mapping or array")
+
+
+def _set_again(case: Case) -> bytes:
+    kept, own = case.started()
+    kept.set(case.inputs(own))
+    return _bits(case.run(kept, 0, 1))
 
 
 def unknown_names(case: Case) -> None:
@@ -186,24 +250,29 @@ def status(case: Case) -> None:
 
 def determinism(case: Case) -> None:
     """Run two instances."""
-    (first, _), (second, _) = case.started(), case.started()
-    rows = [_bits(case.run(instance, 0, case.steps)) for instance in (first, second)]
-    _refuse("" if rows[0] == rows[1] else "two instances differ")
+    instance, _ = case.started()
+    other = case.beside(instance, _run)
+    same = _bits(case.run(instance, 0, case.steps)) == other
+    _refuse("" if same else "two instances differ")
 
 
 def termination(case: Case) -> None:
     """Terminate at several moments."""
-    case.new().component.terminate()
     instance, _ = case.started()
     instance.component.terminate()
     instance.component.terminate()
+    case.beside(instance, _terminated_early)
+
+
+def _terminated_early(case: Case) -> None:
+    case.new().component.terminate()
 
 
 def life_cycle(case: Case) -> None:
     """Try calls out of order."""
     instance = case.new()
     _refuse_order(lambda: instance.step(0.0, 1.0), "step before initialize")
-    instance, own = case.started()
+    own = case.start(instance)
     _refuse_order(
         lambda: instance.initialize(start_time=0.0, stop_time=None, seed=0), "initialize twice"
     )
@@ -216,23 +285,20 @@ def state(case: Case) -> str:
     instance, _ = case.started()
     if not instance.is_restorable:
         raise NotApplicable("canSerializeFMUstate is not advertised")
-    if not isinstance(case.factory, str):
-        raise NotApplicable("not tried: the factory must be 'module:attribute'")
-    try:
-        pickle.dumps(case.arguments)
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise NotApplicable(f"not tried: the arguments cannot be pickled, {error}") from error
     case.run(instance, 0, case.steps)
     state = instance.get_state()
     here = _bits(case.run(instance, case.steps, case.steps))
-    process = Process()
-    try:
-        there = process.ask("call", _continued, case.fresh(), state)
-    finally:
-        process.close()
+    there = case.elsewhere(_continued, state)
     wrong = "canSerializeFMUstate does not hold: outputs after the restored state differ"
     _refuse("" if here == there else wrong)
     return f"{len(state)} bytes"
+
+
+def _continued(case: Case, state: bytes) -> bytes:
+    """Return the outputs of a new component that goes on from a saved state."""
+    instance, _ = case.started()
+    instance.set_state(state)
+    return _bits(case.run(instance, case.steps, case.steps))
 
 
 def snapshot(case: Case) -> None:
@@ -270,15 +336,6 @@ def step_sizes(case: Case) -> None:
         )
         time += part
     _refuse(nonfinite(own, instance.get(_outputs(own))) or "")
-
-
-def _continued(case: Case, state: bytes) -> bytes:
-    """Return the outputs of a new component that goes on from a saved state."""
-    instance, _ = case.started()
-    instance.set_state(state)
-    rows = _bits(case.run(instance, case.steps, case.steps))
-    instance.terminate()
-    return rows
 
 
 def _refuse(fault: str) -> None:

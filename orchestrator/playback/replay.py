@@ -13,6 +13,7 @@ from orchestrator.recording.diff import Difference, diff
 from orchestrator.recording.provenance import provenance
 from orchestrator.recording.reader import Recording
 from orchestrator.recording.topics import EVENTS
+from orchestrator.recording.whole import refuse_source
 from orchestrator.run.events import read
 from orchestrator.scenario.load import load_text
 from orchestrator.scenario.records import Scenario
@@ -91,7 +92,10 @@ def replay(
     ------
     ScenarioError
         If it cannot be flown here.
+    ValueError
+        If ``out`` is the recording itself.
     """
+    refuse_source(out, [recording.path])
     system = build(recorded_scenario(recording))
     then, now = recording.provenance, provenance(system)
     changed = {

@@ -56,7 +56,7 @@ def convert(
     if to == "rrd":
         if patterns is not None:
             raise ValueError("--signals: not possible with rrd, expected csv or parquet")
-        rrd = _needing("rerun", "rerun-sdk", "orchestrator.viewing.rrd")
+        rrd = _needing("rerun-sdk", "orchestrator.viewing.rrd")
         with whole(out, path) as partial:
             rrd.write_rrd(recording, partial)
         return []
@@ -147,7 +147,7 @@ def _unit(signal: Signal) -> str:
 
 def _write_parquet(out: Path, times_ns: NDArray[np.int64], table: Sequence[Series]) -> None:
     """Write arrays as lists of fixed size; unit, shape and items are in the columns' metadata."""
-    pa = _needing("parquet", "pyarrow", "pyarrow")
+    pa = _needing("pyarrow", "pyarrow")
     parquet = import_module("pyarrow.parquet")
     fields, columns = [pa.field("time_s", pa.float64(), metadata={"unit": "s"})], [times_ns / 1e9]
     for series in table:
@@ -176,8 +176,8 @@ def _arrow(pa: Any, values: NDArray[Any]) -> Any:
     return pa.binary() if any(isinstance(one, bytes) for one in values.flat) else pa.string()
 
 
-def _needing(extra: str, package: str, module: str) -> Any:
-    """Return a module that needs what an extra installs.
+def _needing(package: str, module: str) -> Any:
+    """Return a module that needs a package of an extra.
 
     Raises
     ------
@@ -189,5 +189,5 @@ def _needing(extra: str, package: str, module: str) -> Any:
     except ImportError as error:
         if (error.name or "").partition(".")[0] != package.removesuffix("-sdk"):
             raise
-        how = f"expected `pip install hedgehop[{extra}]`"
-        raise ValueError(f"{package}: not installed, got none, {how}") from None
+        what = f"{package}: not installed, got none, expected `pip install {package}`"
+        raise ValueError(what) from None

@@ -1,8 +1,20 @@
 """Files that are there whole or not at all."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
+
+
+def refuse_source(out: Path, sources: Iterable[Path]) -> None:
+    """Refuse to write over what is read.
+
+    Raises
+    ------
+    ValueError
+        If ``out`` is one of ``sources``.
+    """
+    if out.exists() and any(each.exists() and out.samefile(each) for each in sources):
+        raise ValueError(f"{out}: is what is read, expected another file to write to")
 
 
 @contextmanager
@@ -18,8 +30,7 @@ def whole(out: Path, source: Path) -> Generator[Path]:
     OSError
         If it cannot be written; the message names it.
     """
-    if out.exists() and out.samefile(source):
-        raise ValueError(f"{out}: is what is read, expected another file to write to")
+    refuse_source(out, [source])
     partial = out.with_name(f".{out.stem}.part{out.suffix}")
     try:
         yield partial

@@ -10,6 +10,7 @@ const hidden = new Set();  // recordings that are switched off
 const zoomed = {};         // link: [from, to] in x
 const plots = [];
 const DASHES = ["", "7 3", "2 2.5", "10 3 2 3", "4 2", "14 4", "1 3"];
+const DOTS = ["", "round", "square"];  // on the lines of the first seven recordings, of the next seven, ...
 const LEFT = 54, RIGHT = 10, TOP = 8, BOTTOM = 36;
 
 const escaped = text => text.replace(/[&<>"']/g, c => `&#${c.charCodeAt(0)};`);
@@ -33,6 +34,14 @@ function ticks(low, high, count) {
   return {step, all};
 }
 
+function decades(low, high, count) {  // ticks and their texts between two powers of ten
+  const {step, all} = high - low < 1.5 ? ticks(10 ** low, 10 ** high, count) : ticks(low, high, Math.min(count, high - low));
+  return high - low < 1.5 ? all.map(v => [v, shown(v, step)]) : all.map(v => [10 ** v, shown(10 ** v, 10 ** v)]);
+}
+
+const swatch = ({kind, colour, dash, dots}) => `<svg class="swatch" viewBox="0 0 26 9" aria-hidden="true"><path class="line ${kind} ${colour}" stroke-dasharray="${dash}" d="${kind === "area" ? "M1,1h24v7h-24z" : "M0,4.5h26"}"/>${dots ? `<path class="line dot ${dots} ${colour}" d="M13,4.5h0"/>` : ""}</svg>`;
+const look = recording => ({colour: `k${recording % 7}`, dash: DASHES[recording % 7], dots: DOTS[Math.floor(recording / 7)]});
+
 function nearest(sorted, v) {  // index of the nearest of ascending values
   let low = 0, high = sorted.length - 1;
   while (high - low > 1) { const mid = (low + high) >> 1; sorted[mid] <= v ? low = mid : high = mid; }
@@ -49,8 +58,10 @@ class Plot {
     const styles = new Set(this.lines.filter(l => l.kind !== "area" && l.kind !== "faint" && l.recording !== null).map(l => l.style));
     for (const line of this.lines) {
       const own = several && line.recording !== null, who = page.recordings[line.recording];
-      line.colour = own ? `k${line.recording % 7}` : several ? "shared" : `k${line.style % 7}`;
-      line.dash = ["faint", "area", "broad"].includes(line.kind) ? "" : DASHES[(own && styles.size < 2 ? line.recording : line.style) % DASHES.length];
+      const {colour, dash, dots} = look(own ? line.recording : line.style % 7), isPlain = ["faint", "area", "broad"].includes(line.kind);
+      line.colour = own || !several ? colour : "shared";
+      line.dash = isPlain ? "" : own && styles.size > 1 ? DASHES[line.style % 7] : dash;
+      line.dots = isPlain ? "" : dots;
       line.label = !own ? line.name : styles.size < 2 ? who : `${who}: ${line.name}`;
     }
     this.figure = figure;
@@ -66,6 +77,7 @@ class Plot {
   }
 
   get visible() { return this.lines.filter(line => !hidden.has(line.recording)); }
+  scale(v) { return this.spec.log ? Math.log10(v) : v; }  // what the y axis is linear in
   get view() { return this.spec.link ? zoomed[this.spec.link] : this.zoomX; }
 
   ranges() {
@@ -87,7 +99,7 @@ class Plot {
     if (names.length) return {x, y: [Math.min(...names) - 0.4, Math.max(...names) + 0.4]};
     if (this.zoomY) return {x, y: this.zoomY};
     let low = Infinity, high = -Infinity;
-    const see = v => { if (Number.isFinite(v)) { low = Math.min(low, v); high = Math.max(high, v); } };
+    const see = v => { if (Number.isFinite(v)) { low = Math.min(low, this.scale(v)); high = Math.max(high, this.scale(v)); } };
     for (const line of this.visible) if (line.kind !== "faint")
       for (let i = 0; i < line.x.length; i++) if (line.x[i] >= x[0] && line.x[i] <= x[1]) see(line.y[i]);
     if (!this.view) for (const mark of marks) if (mark.y !== null) see(mark.y);
@@ -110,18 +122,18 @@ class Plot {
     const H = h + TOP + BOTTOM;
     this.box = {left, w, h};
     const X = this.X = v => left + (v - x[0]) / (x[1] - x[0]) * w;
-    const Y = this.Y = v => TOP + h - (v - y[0]) / (y[1] - y[0]) * h;
+    const Y = this.Y = v => TOP + h - (this.scale(v) - y[0]) / (y[1] - y[0]) * h;
     const out = [`<svg viewBox="0 0 ${W} ${H.toFixed(0)}" aria-hidden="true"${spec.extent ? ' class="map"' : ""}>`,
       `<clipPath id="${this.id}"><rect x="${left}" y="${TOP}" width="${w}" height="${h}"/></clipPath>`];
     if (spec.picture) {
       const [l, r, b, t] = spec.picture.extent;
       out.push(`<g clip-path="url(#${this.id})"><image href="${spec.picture.href}" x="${X(l)}" y="${Y(t)}" width="${X(r) - X(l)}" height="${Y(b) - Y(t)}" preserveAspectRatio="none"/></g>`);
     }
-    const across = ticks(x[0], x[1], w / 75), up = ticks(y[0], y[1], Math.max(h / 36, Math.min(4, h / 20)));
+    const across = ticks(x[0], x[1], w / 75), count = Math.max(h / 36, Math.min(4, h / 20)), up = ticks(y[0], y[1], count);
     for (const v of across.all) out.push(
       spec.picture ? "" : `<line class="grid" x1="${px(X(v))}" x2="${px(X(v))}" y1="${TOP}" y2="${TOP + h}"/>`,
       `<text x="${px(X(v))}" y="${TOP + h + 14}" text-anchor="middle">${shown(v, across.step)}</text>`);
-    const rows = names.length ? names.map(([v, text]) => [Number(v), text]) : up.all.map(v => [v, shown(v, up.step)]);
+    const rows = names.length ? names.map(([v, text]) => [Number(v), text]) : spec.log ? decades(...y, count) : up.all.map(v => [v, shown(v, up.step)]);
     for (const [v, text] of rows) out.push(
       spec.picture ? "" : `<line class="grid" x1="${left}" x2="${left + w}" y1="${px(Y(v))}" y2="${px(Y(v))}"/>`,
       `<text x="${left - 6}" y="${px(Y(v) + 4)}" text-anchor="end">${escaped(text)}</text>`);
@@ -134,8 +146,8 @@ class Plot {
     const order = ["area", "faint", "broad"];
     for (const line of [...this.visible].sort((a, b) => (order.indexOf(a.kind) + 4) % 4 - (order.indexOf(b.kind) + 4) % 4)) out.push(this.path(line));
     out.push(this.marks(), `</g><rect class="frame" x="${left}" y="${TOP}" width="${w}" height="${h}"/>`);
-    if (spec.north !== null) out.push(`<g class="compass" transform="translate(${left + w - 24} ${TOP + 24}) rotate(${spec.north + 90})"><path d="M0,-16L6,10L0,5L-6,10Z"/></g>`,
-      `<text class="label" x="${left + w - 46}" y="${TOP + 30}" text-anchor="end">N</text>`);
+    if (spec.north !== null) out.push(`<g class="compass" transform="translate(${left + w / 2 + 8} ${TOP + h + 26}) rotate(${spec.north + 90}) scale(.6)"><path d="M0,-14L6,12L0,7L-6,12Z"/></g>`,
+      `<text class="label" x="${left + w / 2 - 6}" y="${TOP + h + 30}" text-anchor="end">N</text>`);
     out.push('<g class="cursor"></g><rect class="select" height="0" width="0"/></svg>');
     this.plot.innerHTML = out.join("");
     this.cursor = this.plot.querySelector(".cursor");
@@ -151,7 +163,7 @@ class Plot {
       from = Math.max(0, nearest(x, range.x[0]) - 2);
       to = Math.min(x.length - 1, nearest(x, range.x[1]) + 2);
     }
-    let d = "", start = null, last = 0, count = 0, alone = "";
+    let d = "", start = null, last = 0, count = 0, alone = "", dotted = -Infinity;
     const close = () => {
       if (kind === "area" && start !== null) d += `L${px(last)},${bottom}L${px(start)},${bottom}Z`;
       if (count === 1) alone += `M${px(last)},${px(height)}h0`;
@@ -163,10 +175,11 @@ class Plot {
       if (!Number.isFinite(a + b)) { close(); continue; }
       d += start === null ? `M${px(a)},${px(b)}` : kind === "steps" ? `H${px(a)}V${px(b)}` : `L${px(a)},${px(b)}`;
       if (start === null) start = a;
+      if (line.dots && Math.abs(a - dotted) > 60) { alone += `M${px(a)},${px(b)}h0`; dotted = a; }
       last = a; height = b; count++;
     }
     close();
-    const dots = alone ? `<path class="line dot ${line.colour}" d="${alone}"/>` : "";
+    const dots = alone ? `<path class="line dot ${line.dots} ${line.colour}" d="${alone}"/>` : "";
     return `<path class="line ${kind} ${line.colour}" d="${d}" stroke-dasharray="${line.dash}"/>${dots}`;
   }
 
@@ -175,8 +188,12 @@ class Plot {
     const placed = [];
     return this.spec.marks.filter(m => m.recording === null || !hidden.has(m.recording)).map(m => {
       const text = escaped(m.text);
-      if (m.x === null) return `<line class="limit" x1="${box.left}" x2="${right}" y1="${px(Y(m.y))}" y2="${px(Y(m.y))}"/>` +
-        `<text class="label" x="${right - 4}" y="${px(Y(m.y) + (Y(m.y) < TOP + 16 ? 13 : -4))}" text-anchor="end">${text}</text>`;
+      if (m.x === null) {  // hatched beyond it, labelled within
+        const at = Math.max(TOP, Math.min(TOP + box.h, Y(m.y)));
+        return `<rect class="beyond" x="${box.left}" y="${m.upper ? TOP : px(at)}" width="${box.w}" height="${px(m.upper ? at - TOP : TOP + box.h - at)}"/>` +
+          `<line class="limit" x1="${box.left}" x2="${right}" y1="${px(Y(m.y))}" y2="${px(Y(m.y))}"/>` +
+          `<text class="label" x="${right - 4}" y="${px(Y(m.y) + (m.upper ? 13 : -4))}" text-anchor="end">${text}</text>`;
+      }
       const x = X(m.x), y = Y(m.y), own = several && m.recording !== null, colour = own ? `k${m.recording % 7}` : "";
       const end = x > right - 130 ? "end" : x < box.left + 130 ? "start" : "middle";
       const crowd = placed.filter(other => Math.abs(other - x) < 190).length, above = y - 9 - 14 * crowd > TOP + 12;
@@ -190,10 +207,12 @@ class Plot {
     const seen = new Set();
     this.listed = this.visible.filter(l => !seen.has(l.label + l.kind) && seen.add(l.label + l.kind) && (l.kind !== "faint" || !several));
     const one = this.listed.length === 1 && this.listed[0].kind !== "faint" && !several;
-    this.legend.innerHTML = '<li class="at"></li>' + this.listed.map(line =>
-      `<li>${one ? "" : `<svg viewBox="0 0 26 9" aria-hidden="true"><path class="line ${line.kind} ${line.colour}" stroke-dasharray="${line.dash}" d="${line.kind === "area" ? "M1,1h24v7h-24z" : "M0,4.5h26"}"/></svg>${escaped(line.label)}`}<b></b></li>`).join("");
+    this.legend.innerHTML = this.listed.map(line => `<li>${one ? "" : swatch(line) + escaped(line.label)}<b></b></li>`).join("") + "<li><b></b></li>";
+    const {categories, extent} = this.spec, texts = Object.values(categories);
+    const room = texts.length ? Math.max(...texts.map(text => text.length)) : extent ? 2 + 2 * Math.max(...extent.map(v => shown(v, 0.1).length)) : 10;
+    this.legend.style.setProperty("--room", `${room}ch`);
     this.values = [...this.legend.querySelectorAll("b")];
-    this.when = this.legend.firstChild;
+    this.when = this.values.pop();
   }
 
   // show the values at a moment; where the pointer is on a linked axis, at that x
@@ -306,6 +325,8 @@ for (const figure of document.querySelectorAll("figure[data-chart]"))
   plots.push(new Plot(figure, Number(figure.dataset.chart)));
 for (const plot of plots) plot.draw();
 
+if (several) for (const named of document.querySelectorAll("[data-recording]"))
+  named.insertAdjacentHTML("afterbegin", swatch(look(Number(named.dataset.recording))));
 for (const button of document.querySelectorAll("button[data-recording]"))
   button.addEventListener("click", () => {
     const recording = Number(button.dataset.recording);

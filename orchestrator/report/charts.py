@@ -32,6 +32,9 @@ class Line:
     kind : str
         ``steps`` holds a value until the next, ``area`` is filled down to the axis, ``broad`` can
         lie under another line, ``faint`` is not read by the cursor.
+    is_regular : bool
+        Whether points come at one rate, so that a hole is a gap; what is only told when it changes
+        holds until the next.
     """
 
     name: str
@@ -41,16 +44,18 @@ class Line:
     time: Array | None = None
     style: int = 0
     kind: Kind = "line"
+    is_regular: bool = True
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A labelled point; without y a labelled vertical line, without x a horizontal one."""
+    """A labelled point; without x a limit, and where y is beyond it: above or below."""
 
     text: str
     x: float | None = None
     y: float | None = None
     recording: int | None = None
+    is_upper: bool = True
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,8 @@ class Chart:
         Text of each value of y, where values are but names.
     extent : (left, right, bottom, top) or None
         Of a map: both axes have the same scale.
+    is_log : bool
+        Whether the y axis is logarithmic; all values are positive.
     """
 
     title: str
@@ -92,6 +99,7 @@ class Chart:
     north_deg: float | None = None
     note: str = ""
     is_wide: bool = False
+    is_log: bool = False
 
 
 @dataclass(frozen=True)

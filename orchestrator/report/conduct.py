@@ -11,6 +11,7 @@ from orchestrator.report.subject import Samples, Subject
 
 TIME = ("time", "s")
 TRUTH = {0: "false", 1: "true"}
+DECADES = 100.0  # between values that one linear axis cannot show
 
 
 def tracking(subjects: Sequence[Subject]) -> Section | None:
@@ -74,7 +75,8 @@ def chart(title: str, rows: Sequence[tuple[Subject, str]]) -> Chart:
     for subject, each in rows:
         times, values = subject.samples(each)
         member = each.rpartition(".")[2]
-        is_smooth = values.dtype.kind == "f" and not _is_held(subject, each)
+        is_held = subject.is_held(each)
+        is_smooth = values.dtype.kind == "f" and not is_held
         lines.append(
             Line(
                 member,
@@ -83,21 +85,34 @@ def chart(title: str, rows: Sequence[tuple[Subject, str]]) -> Chart:
                 values.astype(np.float64),
                 style=members.index(member),
                 kind="line" if is_smooth else "steps",
+                is_regular=not is_held,
             )
         )
     limits = dict.fromkeys(limit for s, each in rows for limit in s.limits(each))
-    marks = [Mark(f"limit {limit:.4g}".replace("-", "−"), y=limit) for limit in limits]
+    marks = [
+        Mark(f"at {end} {limit:.4g}".replace("-", "−"), y=limit, is_upper=end == "most")
+        for end, limit in limits
+    ]
     signal = first.recording.signals[name]
+    unit = first.unit(name)
+    is_log = not (unit or marks or signal.items) and _spans_decades(lines)
     is_truth = all(s.recording[each][1].dtype.kind == "b" for s, each in rows)
     return Chart(
         title,
         TIME,
-        ("", first.unit(name)),
+        ("logarithmic" if is_log else "", unit),
         tuple(lines),
         tuple(marks) if not signal.items else (),
         link="time",
         categories=signal.items or (TRUTH if is_truth else {}),
+        is_log=is_log,
     )
+
+
+def _spans_decades(lines: Sequence[Line]) -> bool:
+    """Whether all values are positive, and the largest is more than two decades above the least."""
+    values = np.concatenate([line.y[np.isfinite(line.y)] for line in lines])
+    return len(values) > 0 and bool(0.0 < DECADES * values.min() < values.max())
 
 
 def _about_itself(subject: Subject) -> list[Signal]:
@@ -115,12 +130,6 @@ def _about_itself(subject: Subject) -> list[Signal]:
         and subject.recording.topics[signal.topic].metadata.get("kind") == "outputs"
         and subject.recording[name][1].dtype.kind in "fiub"
     ]
-
-
-def _is_held(subject: Subject, name: str) -> bool:
-    """Whether a signal keeps its value until the next, as far as the recording tells."""
-    notes = subject.recording.topics[subject.recording.signals[name].topic].metadata
-    return notes.get("written") == "on change" or notes.get("kind") != "outputs"
 
 
 def _durations(subject: Subject) -> Samples:

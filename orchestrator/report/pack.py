@@ -12,6 +12,7 @@ from orchestrator.report.charts import Array, Chart, Line, Mark
 MOST_POINTS = 4000  # of a line
 FEWEST_POINTS = 64
 ALL_POINTS = 120_000  # of a recording's lines: with x and y of 4 bytes, 1.3 MB as base64
+HOLE = 2.5  # periods between two points of a regular rate that are more than one late
 
 
 def pack(charts: Sequence[Chart]) -> dict[str, Any]:
@@ -31,15 +32,15 @@ def pack(charts: Sequence[Chart]) -> dict[str, Any]:
         for line in chart.lines:
             is_whole = line.kind == "faint"  # many lines in one, which is short enough
             kept = thinned(line.y, len(line.y) if is_whole else limits[line.recording])
-            time = None if line.time is None else line.time[kept]
+            x, y, time = _broken(line, kept, chart.link == "time")
             plain["lines"].append(
                 {
                     "name": line.name,
                     "recording": line.recording,
                     "style": line.style,
                     "kind": line.kind,
-                    "x": index(line.x[kept]),
-                    "y": index(line.y[kept]),
+                    "x": index(x),
+                    "y": index(y),
                     "t": index(time),
                 }
             )
@@ -65,6 +66,19 @@ def thinned(values: Array, limit: int) -> NDArray[np.intp]:
     return np.unique(np.concatenate([[0], starts + least, starts + largest, [n - 1]]))
 
 
+def holes(times: Array) -> Array:
+    """Return when points of a regular rate begin and cease to be missing, in order.
+
+    Most steps between points of a regular rate are alike, and a hole lacks two points or more.
+    """
+    steps = np.diff(times)
+    period = float(np.median(steps)) if len(steps) else 0.0
+    if np.mean(np.abs(steps - period) <= 0.1 * period) < 0.5 if period > 0.0 else True:
+        return np.empty(0)
+    last = np.flatnonzero(steps > HOLE * period)
+    return np.stack([times[last] + period, times[last + 1] - period], axis=1).ravel()
+
+
 def description(chart: Chart, labels: Sequence[str]) -> str:
     """Return what a chart shows in words, for those who do not see it."""
     x, y = (f"{name}, {unit}" if unit else name for name, unit in (chart.x, chart.y))
@@ -77,6 +91,21 @@ def description(chart: Chart, labels: Sequence[str]) -> str:
             parts.append(f"{who}{line.name} from {known.min():.4g} to {known.max():.4g}")
     parts += [mark.text for mark in chart.marks]
     return "; ".join(parts)
+
+
+def _broken(
+    line: Line, kept: NDArray[np.intp], is_timed: bool
+) -> tuple[Array, Array, Array | None]:
+    """Return x, y and time of the kept points, and points without y around every hole."""
+    time = line.x if is_timed else line.time
+    missing = holes(time) if line.is_regular and time is not None else np.empty(0)
+    x, y = line.x[kept], line.y[kept]
+    if time is None or not len(missing):
+        return x, y, None if line.time is None else line.time[kept]
+    at = np.searchsorted(time[kept], missing)
+    x = np.insert(x, at, np.interp(missing, time, line.x))
+    y = np.insert(y, at, np.nan)
+    return x, y, None if line.time is None else np.insert(line.time[kept], at, missing)
 
 
 def _limits(lines: Iterable[Line]) -> dict[int | None, int]:
@@ -103,6 +132,7 @@ def _chart(chart: Chart) -> dict[str, Any]:
         "categories": chart.categories,
         "extent": chart.extent,
         "north": chart.north_deg,
+        "log": chart.is_log,
         "marks": [_mark(mark) for mark in chart.marks],
         "picture": picture
         and {
@@ -114,4 +144,10 @@ def _chart(chart: Chart) -> dict[str, Any]:
 
 
 def _mark(mark: Mark) -> dict[str, Any]:
-    return {"text": mark.text, "x": mark.x, "y": mark.y, "recording": mark.recording}
+    return {
+        "text": mark.text,
+        "x": mark.x,
+        "y": mark.y,
+        "recording": mark.recording,
+        "upper": mark.is_upper,
+    }

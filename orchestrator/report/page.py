@@ -19,6 +19,7 @@ from orchestrator.report.words import differences, events, figures, scenario, ve
 SUMMARY = (figures, differences, course, tracking, controls, optimiser, events)
 APPENDIX = (scenario, versions)
 MOST_EVENT_LINES = 60
+MOST_RECORDINGS = 21  # three kinds of dots in seven colours: charts.js
 
 
 def write_page(recordings: Sequence[Path], out: Path) -> None:
@@ -29,11 +30,15 @@ def write_page(recordings: Sequence[Path], out: Path) -> None:
     OSError
         If a recording cannot be read or the page not be written.
     ValueError
-        If a recording is damaged, or `out` is not a page's name.
+        If a recording is damaged, there are more than can be told apart, or `out` is not a page's
+        name.
     """
     if out.suffix not in (".html", ".htm"):
         what = f"not a page's name, got {out.name!r}, expected one that ends in '.html'"
         raise ValueError(f"{out}: {what}")
+    if len(recordings) > MOST_RECORDINGS:
+        what = f"too many recordings to tell apart, got {len(recordings)}"
+        raise ValueError(f"{out}: {what}, expected at most {MOST_RECORDINGS}")
     text = page(subjects(recordings))
     with whole(out, recordings[0]) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
@@ -84,9 +89,9 @@ def _lead(subjects: Sequence[Subject]) -> str:
         text = f"{recording.path.name} · seed {seed} · hedgehop {version}"
         return f"<p class='lead'>{escape(text)}</p>"
     buttons = "".join(
-        f"<button type='button' aria-pressed='true' class='k{k % 7}' data-recording='{k}'>"
+        f"<button type='button' aria-pressed='true' data-recording='{each.number}'>"
         f"{escape(each.label)}</button>"
-        for k, each in enumerate(subjects)
+        for each in subjects
     )
     return f"<p class='recordings'>{buttons}</p>"
 

@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from orchestrator.report.charts import Chart, Line, Section
 from orchestrator.report.conduct import TIME, chart
@@ -58,7 +56,7 @@ def _chart(title: str, rows: Sequence[tuple[Subject, str]]) -> Chart | None:
     if kinds <= set("fiub") and shapes == {()}:
         return chart(title, rows)
     if kinds <= set("fiub"):
-        lines = [line for s, each in rows for line in _elements(s, *s.samples(each))]
+        lines = [line for s, each in rows for line in _elements(s, each)]
         unit = subject.unit(name)
         return Chart(title, TIME, ("", unit), tuple(lines), link="time") if lines else None
     if kinds == {"O"} and shapes == {()}:
@@ -66,8 +64,10 @@ def _chart(title: str, rows: Sequence[tuple[Subject, str]]) -> Chart | None:
     return None
 
 
-def _elements(subject: Subject, times: NDArray[np.float64], values: NDArray[Any]) -> list[Line]:
+def _elements(subject: Subject, name: str) -> list[Line]:
     """Return the elements of an array, or of many the least and the largest."""
+    times, values = subject.samples(name)
+    is_regular = not subject.is_held(name)
     flat = values.reshape(len(times), -1).astype(np.float64)
     if not flat.size:
         return []
@@ -82,21 +82,28 @@ def _elements(subject: Subject, times: NDArray[np.float64], values: NDArray[Any]
             f"largest of {flat.shape[1]}": np.where(nothing, np.nan, largest),
         }
     return [
-        Line(text, subject.number, times, y, style=k, kind="steps")
+        Line(text, subject.number, times, y, style=k, kind="steps", is_regular=is_regular)
         for k, (text, y) in enumerate(columns.items())
     ]
 
 
 def _texts(title: str, rows: Sequence[tuple[Subject, str]]) -> Chart | None:
     """Return a chart of texts, if they are few."""
-    samples = [(subject, *subject.samples(name)) for subject, name in rows]
-    texts = list(dict.fromkeys(str(text) for _, _, values in samples for text in values))
+    samples = [(subject, name, *subject.samples(name)) for subject, name in rows]
+    texts = list(dict.fromkeys(str(text) for *_, values in samples for text in values))
     if len(texts) > MOST_TEXTS:
         return None
     number = {text: float(k) for k, text in enumerate(texts)}
     lines = [
-        Line(title, s.number, times, np.array([number[str(one)] for one in values]), kind="steps")
-        for s, times, values in samples
+        Line(
+            title,
+            subject.number,
+            times,
+            np.array([number[str(one)] for one in values]),
+            kind="steps",
+            is_regular=not subject.is_held(name),
+        )
+        for subject, name, times, values in samples
     ]
     return Chart(
         title, TIME, ("", ""), tuple(lines), link="time", categories=dict(enumerate(texts))

@@ -1,6 +1,6 @@
 """One recording as a page sees it: its signals by the scene's roles, in the units of people."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -43,22 +43,26 @@ class Subject:
         signal = self.recording.signals[name]
         if signal.unit in DEGREES:
             values = np.degrees(values)
-        notes = self.recording.topics[signal.topic].metadata
-        is_held = notes.get("written") == "on change" or notes.get("kind") != "outputs"
-        if is_held and len(times) and times[-1] < self.end_s:
+        if self.is_held(name) and len(times) and times[-1] < self.end_s:
             times, values = np.append(times, self.end_s), np.concatenate([values, values[-1:]])
         return times, values
+
+    def is_held(self, name: str) -> bool:
+        """Whether a signal keeps its value until the next, as far as the recording tells."""
+        notes = self.recording.topics[self.recording.signals[name].topic].metadata
+        return notes.get("written") == "on change" or notes.get("kind") != "outputs"
 
     def unit(self, name: str) -> str:
         """Return the unit in which :meth:`samples` are; nothing for a pure number."""
         unit = self.recording.signals[name].unit
         return "" if unit == "1" else DEGREES.get(unit, unit)
 
-    def limits(self, name: str) -> list[float]:
-        """Return the bounds of a signal in the unit of its samples."""
+    def limits(self, name: str) -> list[tuple[str, float]]:
+        """Return what a signal is at least and at most, if told, in the unit of its samples."""
         signal = self.recording.signals[name]
         factor = 180.0 / np.pi if signal.unit in DEGREES else 1.0
-        return [factor * each for each in (signal.min, signal.max) if each is not None]
+        bounds = {"least": signal.min, "most": signal.max}
+        return [(end, factor * each) for end, each in bounds.items() if each is not None]
 
     def scalar(self, role: str) -> str | None:
         """Return the name of a number that plays a role, if there is one."""
@@ -118,7 +122,7 @@ class Subject:
 
 
 def subjects(paths: Iterable[Path]) -> list[Subject]:
-    """Read recordings; what has the name of another is called by its whole path.
+    """Read recordings.
 
     Raises
     ------
@@ -126,12 +130,23 @@ def subjects(paths: Iterable[Path]) -> list[Subject]:
         If one cannot be read; see :meth:`Recording.open`.
     """
     files = list(paths)
-    stems = [file.stem for file in files]
     return [
-        Subject(
-            number,
-            file.stem if stems.count(file.stem) == 1 else str(file.with_suffix("")),
-            Recording.open(file),
-        )
-        for number, file in enumerate(files)
+        Subject(number, label, Recording.open(file))
+        for number, (label, file) in enumerate(zip(labels(files), files, strict=True))
     ]
+
+
+def labels(files: Sequence[Path]) -> list[str]:
+    """Return what files are called: the shortest ending of each path that no other has.
+
+    What has no such ending, since a file is given twice, is called by its place.
+    """
+    paths = [file.absolute().with_suffix("").parts for file in files]
+
+    def label(k: int) -> str:
+        for n in range(1, len(paths[k]) + 1):
+            if sum(parts[-n:] == paths[k][-n:] for parts in paths) == 1:
+                return "/".join(paths[k][-n:])
+        return f"{paths[k][-1]} ({k + 1})"
+
+    return [label(k) for k in range(len(paths))]

@@ -130,14 +130,22 @@ def _table(
     rows: Iterable[tuple[str, Sequence[str]]],
     subjects: Sequence[Subject] = (),
 ) -> str:
-    """Return a table; the cells are HTML. Columns of recordings carry their colour."""
+    """Return a table; the cells are HTML. Columns of recordings carry their line.
+
+    Every cell knows its column's head: on a phone it stands beside it.
+    """
     several = len(subjects) > 1
     head = "".join(
-        f"<th scope='col'{f' class=k{k - 1}' if several and k else ''}>{escape(text)}</th>"
+        f"<th scope='col'{f' data-recording={k - 1}' if several and k else ''}>{escape(text)}</th>"
         for k, text in enumerate(heads)
     )
     body = "".join(
-        f"<tr><th scope='row'>{escape(first)}</th>{''.join(f'<td>{c}</td>' for c in cells)}</tr>"
+        f"<tr><th scope='row'>{escape(first)}</th>"
+        + "".join(
+            f"<td data-head='{escape(text)}'>{cell}</td>"
+            for text, cell in zip(heads[1:], cells, strict=True)
+        )
+        + "</tr>"
         for first, cells in rows
     )
     numbers = " class='numbers'" if subjects else ""

@@ -1,5 +1,6 @@
 """Open a recording in whatever viewer there is."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from orchestrator.viewing.layout import NAME, layout_json
 from orchestrator.viewing.plots import recorded
 from orchestrator.viewing.serve import File, Server
 
+PAGE = ("--serve-web", "--bind", "127.0.0.1", "--port", "auto", "--web-viewer-port")
 LICHTBLICK = "http://localhost:8080/"  # where its web application serves itself
 
 
@@ -23,22 +25,32 @@ def has_rerun() -> bool:
     return find_spec("rerun") is not None
 
 
-def show(recording: Recording, *, is_web: bool) -> int:
+def show(recording: Recording, web_port: int | None) -> int:
     """Show a recording in Rerun until its window is closed; return the viewer's exit code.
+
+    With a port it is a page in a browser.
 
     Raises
     ------
     OSError
         If the viewer cannot be started.
+    ValueError
+        If there is no display for a window.
     """
+    if web_port is None and not _has_display():
+        raise ValueError("view: no display for a window, expected one, --web or --serve")
     from orchestrator.viewing.rrd import write_rrd
 
     with TemporaryDirectory(prefix="hedgehop-") as folder:
         file = Path(folder) / f"{recording.path.stem}.rrd"
         write_rrd(recording, file)
-        options = ["--serve-web", "--bind", "127.0.0.1"] if is_web else []
+        options = [] if web_port is None else [*PAGE, f"{web_port}"]
         command = [*_viewer(), *options, str(file)]
         return subprocess.run(command, check=False).returncode  # noqa: S603
+
+
+def _has_display() -> bool:
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
 def _viewer() -> list[str]:

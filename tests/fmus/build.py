@@ -31,7 +31,8 @@ def build(name: str, folder: Path, fmi: int = 2, **defines: object) -> Path:
         2 or 3.
     defines
         Options of the model, or macros of its C file: ``FAULT="SEGFAULT", AT=3``;
-        ``WITHOUT_STEP=1`` leaves out doStep, ``MINIMAL=1`` the functions of model exchange.
+        ``WITHOUT_STEP=1`` leaves out doStep, ``MINIMAL=1`` the functions of model exchange;
+        ``ONCE=1`` refuses a second instance in a process, and says so.
     """
     if name == "clocked" and fmi == 2:
         raise ValueError("clocked: FMI 2 has no clocks")

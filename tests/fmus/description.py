@@ -10,7 +10,7 @@ from fmus.models import INTERVAL, PHASES, UNITS, Model, Variable
 
 C_TYPES = {"Float64": "double", "Float32": "float", "Boolean": "bool", "String": "Text",
            "Binary": "Bytes", "Enumeration": "int64_t", "Clock": "bool"}  # fmt: skip
-FRONT_END = ("WITHOUT_STEP", "MINIMAL")  # what is not the model's own
+FRONT_END = ("WITHOUT_STEP", "MINIMAL", "ONCE")  # what is not the model's own
 FMI2_TYPES = {"Float64": "Real", "Int32": "Integer"}
 TIME = Variable("time", "independent")
 
@@ -120,6 +120,10 @@ def _common(v: Variable) -> dict[str, object]:
     return {"causality": v.causality, "variability": variability, "initial": initial}
 
 
+def _once(model: Model) -> dict[str, bool]:
+    return {"canBeInstantiatedOnlyOncePerProcess": True} if "ONCE" in model.defines else {}
+
+
 def _structure(model: Model, fmi: int) -> dict[str, list[tuple[int, list[int]]]]:
     """Return references and dependencies of outputs, derivatives and initial unknowns."""
     table = entries(model, fmi)
@@ -173,7 +177,7 @@ def _xml2(name: str, model: Model) -> str:
         "providesDirectionalDerivatives": "providesDirectionalDerivative",
         "canHandleVariableCommunicationStepSize": "canHandleVariableCommunicationStepSize",
     }
-    flags = {names[k]: value for k, value in model.capabilities.items() if k in names}
+    flags = {names[k]: value for k, value in model.capabilities.items() if k in names} | _once(model)
     experiment = model.experiment
     if "fixedInternalStepSize" in model.capabilities:  # FMI 2 has no word for it
         experiment += f" stepSize='{model.capabilities['fixedInternalStepSize']}'"
@@ -246,6 +250,7 @@ def _xml3(name: str, model: Model) -> str:
     flags = model.capabilities
     if model.scheduled:
         flags = {k: value for k, value in flags.items() if k.startswith(("canGet", "canSer"))}
+    flags = flags | _once(model)
     element = "ScheduledExecution" if model.scheduled else "CoSimulation"
     structure = _structure(model, 3)
     items = "".join(f"<Item name='{p}' value='{i}'/>" for i, p in enumerate(PHASES))

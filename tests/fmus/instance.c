@@ -13,6 +13,10 @@ __attribute__((weak)) Status model_misbehave(Instance *m, const char *call) {
 
 Instance *instance_new(const char *name, const char *token) {
     if (!token || strcmp(token, TOKEN) || model_misbehave(NULL, "Instantiate")) return NULL;
+#ifdef ONCE
+    static int made;
+    if (made++) return NULL; /* not even after the first is gone */
+#endif
     Instance *m = calloc(1, sizeof *m);
     m->v = START;
     m->mode = NEW;
