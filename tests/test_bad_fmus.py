@@ -82,6 +82,19 @@ def test_functions_of_other_interfaces_may_be_missing(fmu, tmp_path):
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
+def test_a_second_instance_in_a_process_is_refused_if_one_is_all(fmu, fmi, tmp_path, capfd):
+    """Where the FMU says so, the line names the component and what helps: another process."""
+    use = {"use": fmu("relay", fmi=fmi, ONCE=1), "rate_hz": 10}
+    apart = {"a": use | {"isolation": "process"}, "b": use | {"isolation": "process"}}
+    assert flown(tmp_path, apart).result.outcome == "flown"
+    file = written(tmp_path, {"a": use, "b": use})
+    assert status(["run", str(file), "--out", str(tmp_path / "again.mcap")]) == 2
+    (line,) = complaints(capfd.readouterr().err)
+    assert "components.b: relay.fmu: allows one instance per process" in line
+    assert line.endswith("expected 'isolation: process'")
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
 def test_a_default_experiment_of_1e8_steps_is_refused(fmu, fmi, refused, tmp_path):
     """Where the scenario gives no rate, the FMU's own would make too many steps."""
     line = refused(long_experiment(fmu("relay", fmi=fmi), tmp_path))

@@ -5,7 +5,9 @@ import pytest
 from scripted import Row, Scripted, counter, gain, integrator, make_restorable
 from small_faults import FaultParameters
 
+from orchestrator.conformance import check
 from orchestrator.conformance.check import CONTRACT, check_component
+from orchestrator.fmu.component import FmuParameters
 
 
 def verdicts(factory, **more):
@@ -70,6 +72,52 @@ def test_a_crash_is_a_clause_that_is_not_kept():
     failed = {clause.name: clause.detail for clause in found if clause.verdict == "failed"}
     assert failed["status"] == failed["state"] == "process died, killed by SIGSEGV"
     assert "description" not in failed
+
+
+@pytest.mark.parametrize(
+    ("fmi", "names"),
+    [(2, ("get", "set", "terminate")), (3, ("construction", "determinism"))],
+)
+def test_an_fmu_of_one_instance_per_process_is_never_asked_for_a_second(
+    fmu, fmi, names, monkeypatch
+):
+    """Every clause, and every other instance of a clause, has a process of its own."""
+    monkeypatch.setattr(check, "CONTRACT", {name: CONTRACT[name] for name in names})
+    arguments = {"parameters": FmuParameters(fmu("decay", fmi=fmi, ONCE=1))}
+    found = check_component("orchestrator.fmu.component:FmuComponent", arguments, timeout_s=60)
+    assert {c.name: (c.verdict, c.detail) for c in found if c.verdict != "passed"} == {}
+
+
+def only(component):
+    """Return a method that describes a component as one of one instance per process."""
+    describe = component.describe
+
+    def described():
+        description = describe()
+        description.coSimulation.canBeInstantiatedOnlyOncePerProcess = True
+        return description
+
+    return described
+
+
+def test_a_second_instance_that_cannot_be_elsewhere_is_not_made():
+    """What would need one is said not to have been tried; the rest is checked with one."""
+    made = []
+
+    def factory():
+        assert not any(one.alive for one in made)
+        component = broken(integrator, describe=only)()
+        component.alive = True
+        component.terminate = lambda: setattr(component, "alive", False)
+        made.append(component)
+        return component
+
+    found = check_component(factory)
+    assert {c.name for c in found if c.detail.startswith("not tried: the factory")} == {
+        "construction", "get", "set", "determinism", "terminate",
+    }  # fmt: skip
+    assert {c.verdict for c in found if c.detail.startswith("not tried")} == {"not applicable"}
+    assert "failed" not in {c.verdict for c in found}
 
 
 def remembering(*, forgets):

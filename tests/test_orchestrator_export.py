@@ -281,8 +281,8 @@ def test_an_fmu_carries_its_sources():
         names = archive.namelist()
     assert {
         "resources/python/small_exports.py", "resources/python/plant/variables.py",
-        "resources/component.json", "resources/worker.py", "sources/fmi3.c", "sources/model.h",
-        "sources/buildDescription.xml",
+        "resources/component.json", "resources/hedgehop_worker/__main__.py", "sources/fmi3.c",
+        "sources/model.h", "sources/buildDescription.xml",
     } <= set(names)  # fmt: skip
     assert not [name for name in names if "numpy" in name or "__pycache__" in name]
 
@@ -321,7 +321,7 @@ def test_the_worker_reads_what_the_recipe_writes():
     from small_components import GliderParameters, GroundParameters, Wing
 
     from orchestrator.export.recipe import Recipe
-    from orchestrator.export.worker import decode
+    from orchestrator.export.worker.instance import decode
 
     here = Path(__file__)
     for value in (

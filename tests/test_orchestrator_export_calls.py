@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import time
+import zipfile
 from ctypes import byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
 from pathlib import Path
 
@@ -279,6 +280,18 @@ def test_nothing_is_left_after_free(fmi):
             made.free()  # without having terminated
         assert _descriptors() == before
         assert _children(os.getpid()) == processes
+
+
+def test_the_folder_of_an_fmu_stays_as_it_was():
+    """Running it leaves nothing where the host has unpacked it, not even compiled Python."""
+    file = exported(EVERYTHING, 3)
+    made = Master(file)
+    made.initialize()
+    made.free()
+    with zipfile.ZipFile(file) as archive:
+        members = set(archive.namelist())
+    found = (one for one in made.folder.rglob("*") if one.is_file())
+    assert {one.relative_to(made.folder).as_posix() for one in found} == members
 
 
 HOST = """

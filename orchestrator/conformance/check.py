@@ -15,13 +15,14 @@ from typing import Any, Literal
 
 from orchestrator.component import Component, Value
 from orchestrator.conformance import clauses
+from orchestrator.conformance.case import Broken, Case, NotApplicable, is_only
 from orchestrator.errors import ComponentDied, ComponentTimeout
 from orchestrator.isolation.process import Process
 
 Verdict = Literal["passed", "failed", "not applicable"]
 
 # name: (promise, test); the test returns a detail worth telling, or raises
-CONTRACT: dict[str, tuple[str, Callable[[clauses.Case], str | None]]] = {
+CONTRACT: dict[str, tuple[str, Callable[[Case], str | None]]] = {
     "description": (
         "the description is valid by FMPy, names and structure included",
         clauses.description,
@@ -110,7 +111,7 @@ def check_component(
     OSError, ValueError
         If the factory raises: there is nothing to check then.
     """
-    case = clauses.Case(factory, arguments or {}, step_s, steps, inputs)
+    case = Case(factory, arguments or {}, step_s, steps, inputs)
     if timeout_s is None:
         _make(case)
         return [_checked(name, case) for name in CONTRACT]
@@ -136,12 +137,12 @@ def check_component(
     return checked
 
 
-def _make(case: clauses.Case) -> bool:
+def _make(case: Case) -> bool:
     """Make the component once, which may be refused; return whether its process takes no other."""
     try:
         instance = case.new()
         with suppress(Exception):  # a clause of its own
-            return clauses.is_only(instance)
+            return is_only(instance)
     except (OSError, ValueError):
         raise
     except Exception as error:
@@ -151,14 +152,14 @@ def _make(case: clauses.Case) -> bool:
     return False
 
 
-def _checked(name: str, case: clauses.Case) -> Clause:
+def _checked(name: str, case: Case) -> Clause:
     """Test one clause, and terminate what it has made."""
     promise, test = CONTRACT[name]
     try:
         verdict, detail = "passed", test(case) or ""
-    except clauses.NotApplicable as error:
+    except NotApplicable as error:
         verdict, detail = "not applicable", str(error)
-    except clauses.Broken as error:
+    except Broken as error:
         verdict, detail = "failed", str(error)
     except Exception as error:  # noqa: BLE001  (whatever a component raises is its failure)
         verdict, detail = "failed", f"{type(error).__name__}: {error}"

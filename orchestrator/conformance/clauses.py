@@ -1,137 +1,20 @@
 """How the clauses of the component contract are tested: one function each, see ``check.py``."""
 
-import pickle
 import random
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from orchestrator.assembly.clock import SECOND, period_ns
-from orchestrator.assembly.description import Port, mismatch, ports
-from orchestrator.component import INTERFACE, Component, Instance, Status, Value
+from orchestrator.assembly.clock import period_ns
+from orchestrator.assembly.description import mismatch, ports
+from orchestrator.component import INTERFACE, Status
+from orchestrator.conformance.case import Broken, Case, NotApplicable, outputs
 from orchestrator.errors import CouplingError
-from orchestrator.isolation.process import Process
 from orchestrator.run.finite import nonfinite
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription
-
-SEED = 20050603
-T = TypeVar("T")
-
-
-class NotApplicable(Exception):  # noqa: N818  (a verdict)
-    """The clause says nothing about this component."""
-
-
-class Broken(Exception):  # noqa: N818  (a verdict)
-    """The clause is not kept."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """A component to be made again and again, and how to run it: see ``check_component``."""
-
-    factory: str | Callable[..., Component]
-    arguments: Mapping[str, Any]
-    step_s: float | None
-    steps: int
-    given: Mapping[str, Value] | None
-    made: list[Instance] = field(default_factory=list[Instance])
-
-    def new(self) -> Instance:
-        """Return a new instance."""
-        factory = resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
-        instance = Instance("component", factory(**self.arguments))
-        self.made.append(instance)
-        return instance
-
-    def started(self) -> tuple[Instance, dict[str, Port]]:
-        """Return a new instance with its inputs set, initialized, and its ports."""
-        instance = self.new()
-        return instance, self.start(instance)
-
-    def start(self, instance: Instance) -> dict[str, Port]:
-        """Set an instance's inputs, initialize it, and return its ports."""
-        own = ports(instance.name, instance.description)
-        instance.set(self.inputs(own))
-        instance.initialize(start_time=0.0, stop_time=None, seed=SEED)
-        return own
-
-    def unmake(self) -> None:
-        """Terminate all that was made."""
-        while self.made:
-            with suppress(Exception):  # a clause of its own
-                self.made.pop().component.terminate()
-
-    def beside(self, instance: Instance, task: "Callable[[Case], T]") -> T:
-        """Return what a task finds with an instance of its own, besides one that is here.
-
-        Where that allows no other in its process, the task has a new one.
-        """
-        return self.elsewhere(task) if is_only(instance) else task(self)
-
-    def elsewhere(self, task: "Callable[..., T]", *arguments: object) -> T:
-        """Return what a task finds in a new process.
-
-        Raises
-        ------
-        NotApplicable
-            If the component cannot be made there.
-        """
-        if not isinstance(self.factory, str):
-            raise NotApplicable("not tried: the factory must be 'module:attribute'")
-        try:
-            pickle.dumps(self.arguments)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise NotApplicable(f"not tried: the arguments cannot be pickled, {error}") from error
-        process = Process()
-        try:
-            return process.ask("call", _alone, task, replace(self, made=[]), *arguments)
-        finally:
-            process.close()
-
-    def inputs(self, own: Mapping[str, Port]) -> dict[str, Value]:
-        """Return the inputs that are held during every check: as given, else the start values."""
-        start = {n: p.start for n, p in own.items() if p.causality == "input"}
-        known = {n: value for n, value in start.items() if value is not None}
-        return {**known, **(self.given or {})}
-
-    def size(self, instance: Instance) -> float:
-        """Return the step size, s."""
-        return self.step_s or period_ns(instance.component.execution.rate_hz) / SECOND
-
-    def run(
-        self, instance: Instance, first: int, count: int, *, reads: int = 1
-    ) -> list[dict[str, Value]]:
-        """Take ``count`` steps from step ``first`` on and return the outputs after each."""
-        size = self.size(instance)
-        names = _outputs(ports(instance.name, instance.description))
-        rows: list[dict[str, Value]] = []
-        for k in range(first, first + count):
-            status = instance.step(k * size, size)
-            if status not in (Status.OK, Status.WARNING, Status.DISCARD):
-                raise Broken(f"step at t = {k * size:g} s answered {status!r}")
-            rows.append([instance.get(names) for _ in range(reads)][-1])
-        return rows
-
-
-def is_only(instance: Instance) -> bool:
-    """Return whether no other can be made in its process."""
-    co_simulation = instance.description.coSimulation
-    return co_simulation is not None and bool(co_simulation.canBeInstantiatedOnlyOncePerProcess)
-
-
-def _alone(task: Callable[..., T], case: Case, *arguments: object) -> T:
-    """Return what a task finds, with nothing left of it."""
-    try:
-        return task(case, *arguments)
-    finally:
-        case.unmake()
 
 
 def description(case: Case) -> str | None:
@@ -173,7 +56,7 @@ def execution(case: Case) -> str:
 def outputs_as_described(case: Case) -> None:
     """Compare every output of a run with its port."""
     instance, own = case.started()
-    names = _outputs(own)
+    names = outputs(own)
     for values in [instance.get(names), *case.run(instance, 0, case.steps)]:
         for name in names:
             fault = mismatch(own[name], values[name]) if name in values else "is missing"
@@ -184,7 +67,7 @@ def outputs_as_described(case: Case) -> None:
 def get_copies(case: Case) -> None:
     """Overwrite what get returned and read again; compare with one that is read less often."""
     instance, own = case.started()
-    names = _outputs(own)
+    names = outputs(own)
     first = instance.get(names)
     before = _bits(first)
     for value in first.values():
@@ -277,7 +160,7 @@ def life_cycle(case: Case) -> None:
         lambda: instance.initialize(start_time=0.0, stop_time=None, seed=0), "initialize twice"
     )
     instance.terminate()
-    _refuse_order(lambda: instance.get(_outputs(own)), "get after terminate")
+    _refuse_order(lambda: instance.get(outputs(own)), "get after terminate")
 
 
 def state(case: Case) -> str:
@@ -335,7 +218,7 @@ def step_sizes(case: Case) -> None:
             "" if answer <= Status.WARNING else f"canHandleVariableCommunicationStepSize {wrong}"
         )
         time += part
-    _refuse(nonfinite(own, instance.get(_outputs(own))) or "")
+    _refuse(nonfinite(own, instance.get(outputs(own))) or "")
 
 
 def _refuse(fault: str) -> None:
@@ -350,10 +233,6 @@ def _refuse_order(call: Callable[[], object], what: str) -> None:
     except CouplingError:
         return
     raise Broken(f"{what} is accepted")
-
-
-def _outputs(own: Mapping[str, Port]) -> list[str]:
-    return [name for name, port in own.items() if port.causality == "output"]
 
 
 def _bits(value: object) -> bytes:

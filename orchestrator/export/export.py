@@ -146,11 +146,11 @@ def export(
     found = rows(description, given.get("parameters"), fmi=fmi, latency_s=given.get("latency_s"),
                  seed=chosen.seed)  # fmt: skip
     recipe, files = component_json([*chosen.resources, chosen.plan], found)
-    worker = (Path(__file__).parent / "worker.py").read_bytes()
+    worker = (Path(__file__).parent / "worker").glob("*.py")
     resources = {
         **files,
         "component.json": json.dumps(recipe, indent=1).encode(),
-        "worker.py": worker,
+        **{f"hedgehop_worker/{file.name}": file.read_bytes() for file in worker},
     }
     back_end = BackEnd(
         {"process.c": c_file("process.c")}, _abilities(description, needs_tool=True), resources,

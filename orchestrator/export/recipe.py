@@ -1,15 +1,15 @@
 """How an exported FMU makes its component again: the calls, as plain data, and the files they name."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Any
 
 from orchestrator.assembly.discovery import Factory
 from orchestrator.assembly.plans import Plan
-from orchestrator.export.rows import Row, sizes
+from orchestrator.export.rows import Row, members, sizes
 from orchestrator.export.sources import packages, sources
-from orchestrator.export.worker import digest
+from orchestrator.export.worker.sources import digest
 
 
 @dataclass
@@ -45,7 +45,7 @@ class Recipe:
         }
 
     def encode(self, value: Any, name: str) -> Any:
-        """Return a parameter as JSON has it; ``worker.decode`` reverses it.
+        """Return a parameter as JSON has it; ``worker.instance.decode`` reverses it.
 
         Raises
         ------
@@ -63,8 +63,8 @@ class Recipe:
         if isinstance(value, Mapping):
             return {str(key): self.encode(one, f"{name}.{key}") for key, one in value.items()}
         if is_dataclass(value) and not isinstance(value, type):
-            members = {one.name: getattr(value, one.name) for one in fields(value) if one.init}
-            plain = {key: self.encode(one, f"{name}.{key}") for key, one in members.items()}
+            own = members(value)
+            plain = {key: self.encode(one, f"{name}.{key}") for key, one in own.items()}
             return {"$record": self.use(type(value))} | plain
         raise ValueError(
             f"{name}: cannot be exported, got {type(value).__name__}, expected a number, text, "

@@ -1,13 +1,12 @@
 """The variables of an FMU, in flat buffers: what its XML, its C header and its worker share."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from orchestrator.assembly.description import Port, ports
-from orchestrator.export.worker import parameters_of
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription, ModelVariable
@@ -112,13 +111,13 @@ def rows(
                 f"variable {variable.name!r}: cannot be exported, got type {variable.type}, "
                 "expected a number, boolean, enumeration or string"
             )
-    fields = dict(parameters_of(parameters))
+    own = members(parameters)
     every = tuple(name for name, port in described.items() if port.causality == "input")
-    found = [_row(known[name], port, fields, every) for name, port in described.items()]
+    found = [_row(known[name], port, own, every) for name, port in described.items()]
     if not any(row.role == "time" for row in found):
         name = _free("time", known)
         found.append(Row(name, "time", "Float64", "independent", "continuous", start=(0.0,)))
-    for name, value in fields.items():
+    for name, value in own.items():
         if name not in known and (row := _field(name, value)) is not None:
             found.append(row)
     if latency_s is not None and "latency_s" not in known:
@@ -129,19 +128,26 @@ def rows(
     return _placed(found, fmi)
 
 
+def members(record: object) -> dict[str, Any]:
+    """Return the values that make a parameter dataclass, by name; none of what is no dataclass."""
+    if not is_dataclass(record) or isinstance(record, type):
+        return {}
+    return {one.name: getattr(record, one.name) for one in fields(record) if one.init}
+
+
 def _free(name: str, known: Mapping[str, object]) -> str:
     return name if name not in known else _free(f"{name}_", known)
 
 
 def _row(
-    variable: "ModelVariable", port: Port, fields: Mapping[str, Any], every: tuple[str, ...]
+    variable: "ModelVariable", port: Port, own: Mapping[str, Any], every: tuple[str, ...]
 ) -> Row:
     causality, declared = variable.causality, variable.declaredType
     role: Role = "get"
     if causality == "independent":
         role = "time"
     elif causality == "structuralParameter" or (
-        causality == "parameter" and variable.variability == "fixed" and port.name in fields
+        causality == "parameter" and variable.variability == "fixed" and port.name in own
     ):
         role = "field"
     elif causality in ("input", "parameter") or (variable.initial == "exact"):

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 
-from orchestrator.export.worker import files_of
+from orchestrator.export.worker.sources import files_of
 
 
 def packages(modules: Iterable[str]) -> list[str]:

@@ -177,7 +177,8 @@ def _xml2(name: str, model: Model) -> str:
         "providesDirectionalDerivatives": "providesDirectionalDerivative",
         "canHandleVariableCommunicationStepSize": "canHandleVariableCommunicationStepSize",
     }
-    flags = {names[k]: value for k, value in model.capabilities.items() if k in names} | _once(model)
+    flags = {names[k]: value for k, value in model.capabilities.items() if k in names}
+    flags |= _once(model)
     experiment = model.experiment
     if "fixedInternalStepSize" in model.capabilities:  # FMI 2 has no word for it
         experiment += f" stepSize='{model.capabilities['fixedInternalStepSize']}'"

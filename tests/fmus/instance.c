@@ -1,5 +1,6 @@
 /* Life cycle and look-up, shared by fmi2.c and fmi3.c: as strict as the standards allow. */
 #include "instance.h"
+#include <unistd.h>
 
 __attribute__((weak)) bool model_event(Instance *m) { (void)m; return false; }
 __attribute__((weak)) double model_partial(const Instance *m, uint32_t unknown, uint32_t known) {
@@ -13,9 +14,12 @@ __attribute__((weak)) Status model_misbehave(Instance *m, const char *call) {
 
 Instance *instance_new(const char *name, const char *token) {
     if (!token || strcmp(token, TOKEN) || model_misbehave(NULL, "Instantiate")) return NULL;
-#ifdef ONCE
-    static int made;
-    if (made++) return NULL; /* not even after the first is gone */
+#ifdef ONCE /* not even after the first is gone; a copy of this library has its own static ones */
+    char process[20];
+    snprintf(process, sizeof process, "%d", (int)getpid());
+    const char *before = getenv(TOKEN);
+    if (before && !strcmp(before, process)) return NULL;
+    setenv(TOKEN, process, 1);
 #endif
     Instance *m = calloc(1, sizeof *m);
     m->v = START;

@@ -2,7 +2,7 @@
  *
  * Every message is a Message and `size` bytes. The first comes from the worker: whether the
  * component could be made. Then each call of the front end is a request and its reply. Both ends
- * are of one machine: bytes are in its order. See orchestrator/export/worker.py for the other end.
+ * are of one machine: bytes are in its order. See orchestrator/export/worker for the other end.
  *
  * The worker has a process group of its own (Ctrl-C is the host's affair), /dev/null as standard
  * input and the host's standard error as output. It ends when the socket does.
@@ -222,12 +222,12 @@ static int call(Backend *self, const char *during, Values *values, int enough) {
 
 /* Start one of the interpreters; an errno if there is none. */
 static int spawn(Backend *self, int theirs, const char *folder, const char *name) {
-    char script[4096], fallback[] = "python3", flag[] = "-I", recorded[] = PYTHON;
-    snprintf(script, sizeof script, "%s/worker.py", folder);
+    char program[4096], fallback[] = "python3", flags[] = "-IB", recorded[] = PYTHON;
+    snprintf(program, sizeof program, "%s/hedgehop_worker", folder);
     const char *chosen = getenv("HEDGEHOP_PYTHON");
     const char *const python =
         chosen && *chosen ? chosen : access(recorded, X_OK) == 0 ? recorded : fallback;
-    char *const arguments[] = {(char *)python, flag, script, (char *)folder, (char *)name, NULL};
+    char *const arguments[] = {(char *)python, flags, program, (char *)name, NULL};
     const int has_error = fcntl(STDERR_FILENO, F_GETFD) >= 0;
     posix_spawn_file_actions_t actions;
     posix_spawnattr_t attributes;
