@@ -5,6 +5,7 @@ import re
 import struct
 import sys
 import zlib
+from base64 import b64decode
 
 import numpy as np
 import pytest
@@ -18,10 +19,10 @@ from orchestrator.recording.reader import Recording
 from orchestrator.recording.recorder import Recorder
 from orchestrator.report.charts import Chart, Line
 from orchestrator.report.ground import ground
-from orchestrator.report.pack import MOST_POINTS, description, pack, thinned
-from orchestrator.report.page import page, write_page
+from orchestrator.report.pack import MOST_POINTS, description, holes, pack, thinned
+from orchestrator.report.page import MOST_RECORDINGS, page, write_page
 from orchestrator.report.shading import TINTS, contour_interval, png, relief, shade
-from orchestrator.report.subject import subjects
+from orchestrator.report.subject import labels, subjects
 from orchestrator.scenario.records import ResourceSpec
 
 WHOLE = helicopter(cells=20, capacity=8, posts=5, wall_clock=True)
@@ -105,6 +106,18 @@ def data_of(text):
     return json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
 
 
+def drawn_in(text, title):
+    """Return the lines of the first chart of this title, with their numbers."""
+    data = data_of(text)
+    arrays = [np.frombuffer(b64decode(one), "<f4") for one in data["arrays"]]
+    chart = next(chart for chart in data["charts"] if chart["title"] == title)
+    numbers = ("x", "y", "t")
+    return [
+        line | {k: arrays[line[k]] for k in numbers if line[k] is not None}
+        for line in chart["lines"]
+    ]
+
+
 def test_a_page_has_what_a_flight_has(whole):
     """Every role of the scene gets its charts, in words, too."""
     text = page(subjects([whole]))
@@ -156,17 +169,78 @@ def test_recordings_share_what_is_the_same(whole, tmp_path):
     assert [line["recording"] for line in profile["lines"] if line["name"] == "set height"] == [
         None
     ]
-    assert "<th scope='row'>seed</th><td>0</td><td>7</td>" in text
-    assert re.findall(r"data-recording='(\d)'", text) == ["0", "1"]
+    row = "<th scope='row'>seed</th><td data-head='whole'>0</td><td data-head='second'>7</td>"
+    assert row in text
+    assert re.findall(r"<button[^>]* data-recording='(\d)'", text) == ["0", "1"]
 
 
-def test_recordings_of_one_name_are_told_apart(whole, tmp_path):
-    """Recordings of the same name are called by their paths."""
-    twin = tmp_path / whole.name
-    twin.write_bytes(whole.read_bytes())
-    assert [s.label for s in subjects([whole, twin])] == [
-        str(path.with_suffix("")) for path in (whole, twin)
-    ]
+@pytest.mark.parametrize(
+    ("files", "called"),
+    [
+        (["x/a.mcap", "x/b.mcap"], ["a", "b"]),
+        (["x/1/a.mcap", "x/2/a.mcap", "x/2/b.mcap"], ["1/a", "2/a", "b"]),
+        (["1/x/a.mcap", "2/x/a.mcap"], ["1/x/a", "2/x/a"]),
+        (["a.mcap", "a.mcap"], ["a (1)", "a (2)"]),
+    ],
+)
+def test_recordings_of_one_name_are_told_apart(files, called, tmp_path):
+    """A recording is called by the shortest ending of its path that no other has."""
+    assert labels([tmp_path / file for file in files]) == called
+
+
+def test_more_recordings_than_can_be_told_apart_are_refused(whole, tmp_path, capsys):
+    """More recordings than there are looks of a line end with one line and no page."""
+    out = tmp_path / "out.html"
+    assert run("report", *[whole] * (MOST_RECORDINGS + 1), "-o", out) == 2
+    assert capsys.readouterr().err.endswith(f"expected at most {MOST_RECORDINGS}\n")
+    assert not out.exists()
+
+
+def test_what_is_missing_is_a_gap(tmp_path):
+    """Where messages were lost a line breaks off; what was only written on change holds."""
+    lost = range(2_000_000_000, 4_000_000_000)
+    calls = [c for c in flight(WHOLE, 6.0) if c[1][0] not in lost]
+    text = page(subjects([recorded(tmp_path / "lost.mcap", WHOLE, calls)]))
+    for title, is_broken in (("Load factor", True), ("scan.stamp", False), ("Map", True)):
+        for line in drawn_in(text, title):
+            assert np.isnan(line["y"]).any() == is_broken
+            shown = line["t" if title == "Map" else "x"][np.isfinite(line["y"])]
+            assert ((shown < 2.0) | (shown >= 4.0)).all()
+
+
+@given(st.integers(1, 50), st.integers(3, 9), st.floats(1e-3, 10.0))
+def test_a_hole_is_what_a_regular_rate_lacks(before, lacking, period):
+    """A hole begins one period after the last point and ends one before the next."""
+    times = period * np.delete(np.arange(100), slice(before, before + lacking))
+    ends = period * np.array([before, before + lacking - 1])
+    assert holes(times) == pytest.approx(ends)
+
+
+@given(st.lists(st.floats(0.0, 9.0), max_size=3), st.integers(0, 100))
+def test_without_a_rate_there_is_no_hole(some, count):
+    """A few points, points at one instant and points at ever longer steps have no holes."""
+    for times in (np.sort(some)[:2], np.zeros(count), 1.3 ** np.arange(count)):
+        assert not len(holes(times))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "unit", "is_log"),
+    [(1, 99, "1", False), (1, 101, "1", True), (0, 101, "1", False), (1, 101, "m", False)],
+)
+def test_decades_have_a_logarithmic_axis(low, high, unit, is_log, tmp_path):
+    """Pure numbers that are all positive and span two decades are drawn over a logarithm."""
+    system = make_system([port("a", "x", unit)])
+    calls = [("outputs", (k * TICK_NS, "a", {"x": float(x)})) for k, x in enumerate((low, high))]
+    text = page(subjects([recorded(tmp_path / "a.mcap", system, calls)]))
+    assert [chart["log"] for chart in data_of(text)["charts"]] == [is_log]
+
+
+def test_a_limit_says_which_side_is_beyond_it(whole):
+    """A control's bounds are limits, the least from below and the most from above."""
+    text = page(subjects([whole]))
+    tail = next(chart for chart in data_of(text)["charts"] if chart["title"] == "Tail")
+    limits = [(mark["text"], mark["upper"]) for mark in tail["marks"]]
+    assert limits == [("at least −28.65", False), ("at most 28.65", True)]
 
 
 @given(st.integers(0, 30_000), st.integers(4, 4000), st.integers(0, 2**32 - 1))

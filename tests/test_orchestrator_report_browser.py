@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,10 @@ DRAWN = """
 
 @pytest.fixture(scope="module")
 def pages(tmp_path_factory):
-    """Return the pages of a flight, of it and another one, and of a system without an aircraft."""
+    """Return the pages of a flight, of it and another one, and of a system without an aircraft.
+
+    ``many`` has nine recordings of the last.
+    """
     folder = tmp_path_factory.mktemp("report")
     scenario = Path(__file__).parents[1] / "scenarios" / "jacksboro.yaml"
     flights = [folder / "slow.mcap", folder / "fast.mcap"]
@@ -42,7 +46,10 @@ def pages(tmp_path_factory):
         subprocess.run([sys.executable, "-m", "orchestrator", *arguments], check=True)
     system = make_system([port("a", "x"), port("b", "y", "rad"), port("b", "on", kind="Boolean")])
     tell(Recorder(folder / "plain.mcap"), system, flight(system))
-    made = {"flight": flights[:1], "both": flights, "plain": [folder / "plain.mcap"]}
+    many = [folder / f"{k}.mcap" for k in range(9)]
+    for copy in many:
+        copy.write_bytes((folder / "plain.mcap").read_bytes())
+    made = {"flight": flights[:1], "both": flights, "plain": many[:1], "many": many}
     for name, recordings in made.items():
         write_page(recordings, folder / f"{name}.html")
     return {name: folder / f"{name}.html" for name in made}
@@ -56,7 +63,7 @@ def tab(tmp_path_factory):
 
 
 @pytest.mark.parametrize("width", [1600, 400])
-@pytest.mark.parametrize("name", ["flight", "both", "plain"])
+@pytest.mark.parametrize("name", ["flight", "both", "plain", "many"])
 def test_every_chart_is_drawn(pages, tab, name, width):
     """Nothing is logged or asked for, all charts are there, and the page is as wide as the screen."""
     tab.show(pages[name], width=width, scheme="dark" if width < 600 else "light")
@@ -85,6 +92,54 @@ def test_the_cursor_reads_every_chart(pages, tab):
     assert tab.evaluate(ticks) != before
     tab.evaluate(press % "Escape")
     assert tab.evaluate(ticks) == before
+
+
+@pytest.mark.parametrize("width", [1600, 400])
+@pytest.mark.parametrize("name", ["flight", "both", "plain"])
+def test_nothing_moves_when_values_are_shown(pages, tab, name, width):
+    """The page and every chart stay where they are while a pointer moves over a chart."""
+    tab.show(pages[name], width=width)
+    tab.evaluate(OPEN_ALL)
+    places = "[...document.querySelectorAll('.plot')].map(one => one.getBoundingClientRect().top)"
+    before = tab.evaluate(places)
+    for part in (0.3, 0.6, 0.9):
+        tab.evaluate(f"plots[0].show({{x: plots[0].ranges().x[1] * {part}, y: 0}})")
+        assert tab.evaluate("document.querySelector('figure ul b').textContent")
+        assert tab.evaluate(places) == before
+
+
+def test_lines_of_many_recordings_look_different(pages, tab):
+    """No two of nine recordings have the same colour, dashes and dots."""
+    tab.show(pages["many"], width=1600)
+    looks = tab.evaluate("[...document.querySelectorAll('button svg')].map(one => one.innerHTML)")
+    assert len(set(looks)) == len(looks) == 9
+
+
+@pytest.mark.parametrize("name", ["flight", "both", "many"])
+def test_a_phone_shows_whole_tables(pages, tab, name):
+    """At 400 px no value of a table lies beyond the screen, nor has to be scrolled to."""
+    tab.show(pages[name], width=400)
+    tab.evaluate(OPEN_ALL)
+    ends = "[...document.querySelectorAll('td')].map(one => one.getBoundingClientRect().right)"
+    assert max(tab.evaluate(ends)) <= 400
+    wide = (
+        "[...document.querySelectorAll('.scroll')].some(one => one.scrollWidth > one.clientWidth)"
+    )
+    assert not tab.evaluate(wide)
+
+
+@pytest.mark.parametrize("width", [1600, 400])
+def test_labels_of_the_map_lie_apart(pages, tab, width):
+    """North and the way-points can all be read."""
+    tab.show(pages["flight"], width=width)
+    edges = """[...document.querySelectorAll("svg.map .label")].map(one => {
+      const {left, right, top, bottom} = one.getBoundingClientRect();
+      return [left, right, top, bottom];
+    })"""
+    labels = tab.evaluate(edges)
+    assert len(labels) == 3
+    for a, b in combinations(labels, 2):
+        assert a[1] < b[0] or b[1] < a[0] or a[3] < b[2] or b[3] < a[2]
 
 
 def test_a_recording_can_be_switched_off(pages, tab):

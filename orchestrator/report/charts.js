@@ -16,12 +16,14 @@ const LEFT = 54, RIGHT = 10, TOP = 8, BOTTOM = 36;
 const escaped = text => text.replace(/[&<>"']/g, c => `&#${c.charCodeAt(0)};`);
 const px = v => Math.max(-1e5, Math.min(1e5, v)).toFixed(1);
 
+const magnitude = v => Math.floor(Math.log10(v) + 1e-9);
+
 function shown(v, step) {  // a number as people write it; step: what tells neighbours apart
   if (!Number.isFinite(v)) return "–";
   const size = Math.abs(v);
-  if (step ? size >= 1e6 || step < 1e-4 : size >= 1e6 || (size && size < 1e-4))
-    return v ? v.toExponential(step ? 1 : 3).replace("e+", "e").replace(/-/g, "−") : "0";
-  const digits = step ? Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)) : Math.max(0, 3 - Math.floor(Math.log10(size || 1)));
+  if (size >= 1e6 || (step ? step < 1e-4 : size && size < 1e-4))
+    return v ? v.toExponential(step ? Math.max(0, magnitude(size) - magnitude(step)) : 3).replace("e+", "e").replace(/-/g, "−") : "0";
+  const digits = step ? Math.max(0, Math.ceil(-Math.log10(step) - 1e-9)) : Math.max(0, 3 - magnitude(size || 1));
   const text = v.toFixed(Math.min(digits, 8));
   return Number(text) ? text.replace("-", "−") : text.replace("-", "");
 }
@@ -35,8 +37,8 @@ function ticks(low, high, count) {
 }
 
 function decades(low, high, count) {  // ticks and their texts between two powers of ten
-  const {step, all} = high - low < 1.5 ? ticks(10 ** low, 10 ** high, count) : ticks(low, high, Math.min(count, high - low));
-  return high - low < 1.5 ? all.map(v => [v, shown(v, step)]) : all.map(v => [10 ** v, shown(10 ** v, 10 ** v)]);
+  const isWide = high - low > 1.5, {step, all} = isWide ? ticks(low, high, Math.min(count, high - low)) : ticks(10 ** low, 10 ** high, count);
+  return all.map(v => isWide ? [10 ** v, shown(10 ** v, 10 ** v)] : [v, shown(v, step)]);
 }
 
 const swatch = ({kind, colour, dash, dots}) => `<svg class="swatch" viewBox="0 0 26 9" aria-hidden="true"><path class="line ${kind} ${colour}" stroke-dasharray="${dash}" d="${kind === "area" ? "M1,1h24v7h-24z" : "M0,4.5h26"}"/>${dots ? `<path class="line dot ${dots} ${colour}" d="M13,4.5h0"/>` : ""}</svg>`;
@@ -67,6 +69,7 @@ class Plot {
     this.figure = figure;
     this.plot = figure.querySelector(".plot");
     this.legend = figure.querySelector("ul");
+    this.when = figure.querySelector("output");
     this.zoomY = null;
     this.zoomX = null;  // of charts without a link
     this.id = `clip${number}`;
@@ -207,12 +210,13 @@ class Plot {
     const seen = new Set();
     this.listed = this.visible.filter(l => !seen.has(l.label + l.kind) && seen.add(l.label + l.kind) && (l.kind !== "faint" || !several));
     const one = this.listed.length === 1 && this.listed[0].kind !== "faint" && !several;
-    this.legend.innerHTML = this.listed.map(line => `<li>${one ? "" : swatch(line) + escaped(line.label)}<b></b></li>`).join("") + "<li><b></b></li>";
-    const {categories, extent} = this.spec, texts = Object.values(categories);
-    const room = texts.length ? Math.max(...texts.map(text => text.length)) : extent ? 2 + 2 * Math.max(...extent.map(v => shown(v, 0.1).length)) : 10;
-    this.legend.style.setProperty("--room", `${room}ch`);
+    this.legend.innerHTML = this.listed.map(line => `<li>${one ? "" : swatch(line) + escaped(line.label)}<b></b></li>`).join("") ;
+    const {categories, extent, log} = this.spec, {y} = this.range, texts = Object.values(categories);
+    const most = magnitude(Math.max(...y.map(Math.abs)));
+    this.digit = log ? 0 : 10 ** (most < -2 ? most - 3 : Math.max(most - 3, -4));  // of values
+    const longest = texts.length ? texts : extent ? extent.map(v => `${shown(v, 0.1)}, ${shown(v, 0.1)}`) : log ? ["0.0001234"] : y.map(v => shown(v, this.digit));
+    this.legend.style.setProperty("--room", `${Math.max(...longest.map(text => text.length))}ch`);
     this.values = [...this.legend.querySelectorAll("b")];
-    this.when = this.values.pop();
   }
 
   // show the values at a moment; where the pointer is on a linked axis, at that x
@@ -228,8 +232,8 @@ class Plot {
       if (v < by[0] || !Number.isFinite(line.y[i])) return;
       if (across === null) across = line.x[i];
       const text = this.spec.categories[line.y[i]];
-      this.values[k].textContent = text === undefined ? this.spec.extent ? `${shown(line.x[i], 0.1)}, ${shown(line.y[i], 0.1)}` : shown(line.y[i]) : text;
-      if (line.kind !== "area") parts += `<circle class="${line.colour}" cx="${px(this.X(line.kind === "steps" ? v : line.x[i]))}" cy="${px(this.Y(line.y[i]))}" r="3.5"/>`;
+      this.values[k].textContent = text === undefined ? this.spec.extent ? `${shown(line.x[i], 0.1)}, ${shown(line.y[i], 0.1)}` : shown(line.y[i], this.digit) : text;
+      if (line.kind !== "area") parts += `<circle class="${line.colour}" cx="${px(this.X(line.kind === "steps" && by === line.x ? v : line.x[i]))}" cy="${px(this.Y(line.y[i]))}" r="3.5"/>`;
     });
     const inside = across !== null && across >= this.range.x[0] && across <= this.range.x[1];
     const bar = inside && !this.spec.extent ? `<line x1="${px(this.X(x ?? across))}" x2="${px(this.X(x ?? across))}" y1="${TOP}" y2="${TOP + this.box.h}"/>` : "";

@@ -12,6 +12,7 @@ from orchestrator.report.subject import Samples, Subject
 TIME = ("time", "s")
 TRUTH = {0: "false", 1: "true"}
 DECADES = 100.0  # between values that one linear axis cannot show
+NARROW = 12  # lines of a chart whose legend needs no more room
 
 
 def tracking(subjects: Sequence[Subject]) -> Section | None:
@@ -105,6 +106,7 @@ def chart(title: str, rows: Sequence[tuple[Subject, str]]) -> Chart:
         tuple(marks) if not signal.items else (),
         link="time",
         categories=signal.items or (TRUTH if is_truth else {}),
+        is_wide=len(lines) > NARROW,
         is_log=is_log,
     )
 

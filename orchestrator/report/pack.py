@@ -72,8 +72,10 @@ def holes(times: Array) -> Array:
     Most steps between points of a regular rate are alike, and a hole lacks two points or more.
     """
     steps = np.diff(times)
-    period = float(np.median(steps)) if len(steps) else 0.0
-    if np.mean(np.abs(steps - period) <= 0.1 * period) < 0.5 if period > 0.0 else True:
+    if not len(steps):
+        return steps
+    period = np.median(steps)
+    if period <= 0.0 or np.mean(np.abs(steps - period) <= 0.1 * period) < 0.5:
         return np.empty(0)
     last = np.flatnonzero(steps > HOLE * period)
     return np.stack([times[last] + period, times[last + 1] - period], axis=1).ravel()

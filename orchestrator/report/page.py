@@ -116,7 +116,8 @@ def _figure(chart: Chart, number: int, text: str) -> str:
     note = f"<p class='note'>{escape(chart.note)}</p>" if chart.note else ""
     wide = " class='wide'" if chart.is_wide else ""
     return (
-        f"<figure{wide} data-chart='{number}'><figcaption>{escape(chart.title)}{unit}</figcaption>"
+        f"<figure{wide} data-chart='{number}'><figcaption>{escape(chart.title)}{unit}"
+        f"<output></output></figcaption>"
         f"<ul></ul><div class='plot' role='img' tabindex='0' aria-label='{escape(text)}'></div>"
         f"{note}</figure>"
     )

@@ -140,7 +140,7 @@ def _table(
         for k, text in enumerate(heads)
     )
     body = "".join(
-        f"<tr><th scope='row'>{escape(first)}</th>"
+        f"<tr><th scope='row'>{escape(first).replace('.', '.<wbr>')}</th>"
         + "".join(
             f"<td data-head='{escape(text)}'>{cell}</td>"
             for text, cell in zip(heads[1:], cells, strict=True)
