@@ -25,7 +25,8 @@ class Result:
     counts : mapping
         ``overruns.mpc``, ``warnings.vehicle``, ... : how often; absent means never.
     cpu_s, wall_s : float
-        Time the run took, s. Measured, hence no part of a reproducible recording.
+        Time the run took once it was initialized, s. Measured, hence no part of a reproducible
+        recording.
     """
 
     outcome: str

@@ -1,5 +1,7 @@
 """Figures of made-up flights whose answers are known exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fake_system import LADDER, SCENE, flight, helicopter, tell
@@ -78,6 +80,7 @@ def test_a_constant_offset_is_what_every_figure_says():
     got = figures(straight(), wall_clock={"mpc": np.array([0.001, 0.002, 0.004])})
     assert got.pop("ladder") == {"full step": 2, "shorter step": 1, "old tail": 0, "trim": 1}
     assert (got.pop("outcome"), got.pop("reason")) == ("flown", "")
+    assert got.pop("faults") == {"overruns.mpc": 2}
     assert got == pytest.approx(
         {
             "duration_s": 10.0,
@@ -98,6 +101,15 @@ def test_a_constant_offset_is_what_every_figure_says():
         },
         rel=1e-12,
     )
+
+
+def test_every_missed_deadline_counts_whoever_missed_it():
+    """Not the planning component's alone; what else went wrong is told by kind and component."""
+    counts = {"overruns.mpc": 2, "overruns.hold": 80, "out_of_range.puck": 3}
+    result = replace(FLOWN, counts=counts)
+    timed = figures(straight(), result, scene={}, wall_clock={})
+    assert (timed["deadline_misses"], timed["faults"]) == (82, counts)
+    assert figures(straight(), result, scene={})["faults"] == {"out_of_range.puck": 3}
 
 
 def test_cross_track_is_positive_to_the_right():
@@ -178,10 +190,11 @@ def test_before_the_first_reference_nothing_is_compared():
 
 def test_what_has_no_role_is_none():
     """Without roles, wall clock or time all figures are None and nothing fails."""
+    known = ["outcome", "reason", "duration_s", "faults"]
     got = figures(straight(), scene={})
-    assert [k for k, v in got.items() if v is not None] == ["outcome", "reason", "duration_s"]
+    assert [k for k, v in got.items() if v is not None] == known
     empty = figures(Table(), Result("component error", "broken"), scene=SCENE)
-    assert [k for k, v in empty.items() if v is not None] == ["outcome", "reason", "duration_s"]
+    assert [k for k, v in empty.items() if v is not None] == known
     assert figures(straight())["update_ms_median"] is None
     assert figures(straight(), wall_clock={})["update_ms_p99"] is None
     assert figures(straight(), settle_s=20.0)["height_rms_m"] is None

@@ -48,12 +48,24 @@ def flight_table(metrics: Mapping[str, Any], recording: Path | None) -> Table:
             table.add_row(text, form.format(metrics[name]))
     for rung, count in (metrics.get("ladder") or {}).items():
         table.add_row(f"ladder: {rung}", f"{count}")
+    for name, count in (metrics.get("faults") or {}).items():
+        table.add_row(fault(name), f"{count}")
     if recording is not None:
         size = recording.stat().st_size
         rate = mb_per_min(size, metrics["duration_s"])
         per_minute = "" if rate is None else f", {rate:.3g} MB per flight minute"
         table.add_row("recording", f"{recording}, {size / 1e6:.3g} MB{per_minute}")
     return table
+
+
+def fault(name: str) -> str:
+    """Return what the table calls a kind of fault of a component.
+
+    >>> fault("out_of_range.mpc")
+    'out of range: mpc'
+    """
+    kind, _, component = name.partition(".")
+    return f"{kind.replace('_', ' ')}: {component}"
 
 
 def variables_table(ports: Iterable[Port], *, has_fixed: bool = False) -> Table:

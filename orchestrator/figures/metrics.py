@@ -123,6 +123,7 @@ def flight_metrics(
         "load_factor_max": _figure(np.max, load_factor),
         "saturation_percent": saturation_percent(bounded.values()),
         "ladder": ladder_counts(signals[ladder][1], variables[ladder]) if ladder in names else None,
+        "faults": faults(result, has_overruns=wall_clock is not None),
         **timing(scene.get("plan", "").partition(".")[0], result, wall_clock),
     }
 
@@ -143,17 +144,31 @@ def ladder_counts(values: NDArray[Any], variable: Variable) -> dict[str, int]:
     return {text: int(np.count_nonzero(values == k)) for k, text in variable.items.items()}
 
 
+def faults(result: Result, *, has_overruns: bool) -> dict[str, int]:
+    """Return how often what happened to whom, as `out_of_range.mpc`; overruns if wanted."""
+    return {
+        name: count
+        for name, count in sorted(result.counts.items())
+        if count and (has_overruns or not name.startswith("overruns."))
+    }
+
+
 def timing(
     component: str, result: Result, wall_clock: Mapping[str, Array] | None
 ) -> dict[str, float | int | None]:
-    """Return what one component's steps and the whole run cost; all None without wall clock."""
+    """Return what one component's steps, all missed deadlines and the whole run cost.
+
+    All None without wall clock.
+    """
     measured = wall_clock is not None
     update_ms = 1e3 * wall_clock.get(component, NOTHING) if measured else NOTHING
     simulated_s = result.time_ns / 1e9
     return {
         "update_ms_median": _figure(np.median, update_ms),
         "update_ms_p99": _figure(_p99, update_ms),
-        "deadline_misses": result.counts.get(f"overruns.{component}", 0) if measured else None,
+        "deadline_misses": sum(n for name, n in result.counts.items() if name[:9] == "overruns.")
+        if measured
+        else None,
         "cpu_ms_per_simulated_s": 1e3 * result.cpu_s / simulated_s
         if measured and simulated_s and result.cpu_s
         else None,

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from orchestrator.command.tables import FIGURES
+from orchestrator.command.tables import FIGURES, fault
 from orchestrator.figures.omissions import omissions
 from orchestrator.report.charts import Section
 from orchestrator.report.subject import Subject
@@ -24,6 +24,9 @@ def figures(subjects: Sequence[Subject]) -> Section:
     for name, (text, form) in FIGURES.items():
         rows.append((text, [_figure(each.figures.get(name), form) for each in subjects]))
     rows.append(("optimiser's ladder", [_ladder(each.figures["ladder"]) for each in subjects]))
+    faults = [each.figures["faults"] for each in subjects]
+    for name in dict.fromkeys(name for each in faults for name in each):
+        rows.append((escape(fault(name)), [f"{each.get(name, 0)}" for each in faults]))
     rows = [(text, cells) for text, cells in rows if any(cells)]
     said = [(each, text) for each in subjects for text in omissions(each.recording)]
     notes = "".join(

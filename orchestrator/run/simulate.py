@@ -63,6 +63,7 @@ def simulate(
     with journal(report) as logs:
         try:
             initialize(system, participants)
+            cpu, wall = process_time(), perf_counter()
             for listener in listeners:
                 opened.append(listener)
                 listener.open(system)
