@@ -141,9 +141,9 @@ def _picture(
         return "", None
     low, high = known.min(), known.max()
     interval = contour_interval(high - low)
-    note = f"Relief: {found.source}, {low:.0f} to {high:.0f} m, a contour every {interval:g} m."
+    note = f"Relief: {found.source}, {low:z.0f} to {high:z.0f} m, a contour every {interval:g} m."
     if high - low < interval:
-        note = f"Relief: {found.source}, level at {low:.0f} m."
+        note = f"Relief: {found.source}, level at {low:z.0f} m."
     return note, Picture(relief(elevation, spacing, interval), left, right, bottom, top)
 
 

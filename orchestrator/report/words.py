@@ -47,7 +47,7 @@ def differences(subjects: Sequence[Subject]) -> Section | None:
     flat = [dict(_flat(each.recording.scenario)) for each in subjects]
     keys = list(dict.fromkeys(key for one in flat for key in one))
     rows = [
-        (key, [escape(str(one.get(key, "–"))) for one in flat])
+        (key, [escape(str(one.get(key, "not given"))) for one in flat])
         for key in keys
         if len({str(one.get(key)) for one in flat}) > 1
     ]
