@@ -32,7 +32,7 @@ BANK_MAX = math.radians(30.0)
 def HeightFollower(
     parameters: MpcParameters, *, prediction_model: PredictionModel, latency_s: float = 0.0
 ) -> Mpc:
-    """Return the reactive follower behind the interface of :class:`controller.mpc.Mpc`.
+    """Reactive height following behind the interface of :class:`controller.mpc.Mpc`.
 
     Of the parameters it heeds the course, the speed, the set height, and the capacities.
 

@@ -27,7 +27,7 @@ Planner = Callable[[MpcParameters, PredictionModel, int], Improve]
 def BasisMpc(
     parameters: MpcParameters, *, prediction_model: PredictionModel, latency_s: float = 0.0
 ) -> "Mpc":
-    """Return model predictive control with control basis functions, the paper's.
+    """Model predictive control with control basis functions, the paper's.
 
     The response S is identified from ``prediction_model``; errors and the rest as of :class:`Mpc`.
     """

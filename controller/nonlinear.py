@@ -24,7 +24,7 @@ dynamics, already fly as thirty exact ones do, at a fifth of the time."""
 def NonlinearMpc(
     parameters: MpcParameters, *, prediction_model: PredictionModel, latency_s: float = 0.0
 ) -> Mpc:
-    """Return model predictive control by multiple shooting with IPOPT (extra ``paper``).
+    """Model predictive control by multiple shooting with IPOPT (extra ``paper``).
 
     Of the parameters, the basis, its identification, ``solver`` and ``line_search`` are not needed.
     Clearance is not a row of the problem, only of the merit: the reference keeps it. Ground effect

@@ -35,7 +35,7 @@ CAUTION = 1000.0
 def PreviewLq(
     parameters: MpcParameters, *, prediction_model: PredictionModel, latency_s: float = 0.0
 ) -> Mpc:
-    """Return LQ preview control behind the interface of :class:`controller.mpc.Mpc`.
+    """LQ preview control behind the interface of :class:`controller.mpc.Mpc`.
 
     It ignores the parameters of bases, solver, line search, clearance and attitude limits. The weights
     of north and east count along and across the course, half their sum each; a speed set in flight

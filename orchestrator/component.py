@@ -2,15 +2,23 @@
 
 Components satisfy these protocols by shape alone; they do not import this module. Everything that
 may be called when is in one table, ``LIFE_CYCLE``, which :class:`Instance` enforces.
+
+A value is of its variable's type: a float for Float64, an int for Int64 and enumerations, a bool
+for Boolean, an array of exactly that type (float64, int64) and of the described shape where there is
+one. For a scalar output an int or a numpy scalar does too, if nothing is lost: it becomes a float,
+int or bool when the component is first read. A bool is no number, an array of one element no scalar.
 """
 
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
+from numbers import Integral, Real
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 from numpy.typing import NDArray
 
 from orchestrator.errors import CouplingError
+from orchestrator.failure import failure
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription
@@ -28,6 +36,12 @@ class Status(IntEnum):
     DISCARD = 2  # the step is refused: nothing has advanced
     ERROR = 3  # the component cannot go on; others can
     FATAL = 4  # the component must not be called again, not even to terminate
+
+
+def is_status(answer: object) -> bool:
+    """Return whether a step's answer is a ``Status``: 0 to 4, but no bool."""
+    is_number = isinstance(answer, int | Integral) and not isinstance(answer, bool)
+    return is_number and cast(int, answer) in range(5)
 
 
 class Execution(Protocol):
@@ -79,8 +93,9 @@ class Component(Protocol):
     def set(self, values: Mapping[str, Value], /) -> None:
         """Take copies of inputs and tunable parameters.
 
-        Called before ``initialize`` or between steps, never during one. An unknown name is a
-        KeyError that says the nearest one.
+        Called before ``initialize`` or between steps, never during one, with at least one of them
+        and not always with all: what is not there stays. An unknown name is a KeyError that says
+        the nearest one.
         """
         ...
 
@@ -92,7 +107,7 @@ class Component(Protocol):
         ...
 
     def step(self, time: float, step_size: float, /) -> int:
-        """Advance from ``time`` by ``step_size``, both in seconds, and return a ``Status``.
+        """Advance from ``time`` by ``step_size``, both in seconds, and return a ``Status``: 0 to 4.
 
         ``time`` is where the last step ended. A sampled component computes its outputs from the
         inputs at ``time``; they hold until its next step.
@@ -144,6 +159,9 @@ LIFE_CYCLE: dict[str, dict[str, str]] = {
 }
 
 
+_VERBS = ("describe", "initialize", "set", "get", "step", "terminate")
+
+
 class Instance:
     """A component under a name, called only as ``LIFE_CYCLE`` permits.
 
@@ -158,10 +176,56 @@ class Instance:
 
     @property
     def description(self) -> "ModelDescription":
-        """The component's model description, asked for once."""
+        """The component's model description, asked for once.
+
+        Raises
+        ------
+        CouplingError
+            If it has none, or is no component.
+        """
         if self._description is None:
-            self._description = self.component.describe()
-        return self._description
+            component: Any = self.component
+            missing = [name for name in _VERBS if not callable(getattr(component, name, None))]
+            if missing:
+                raise CouplingError(
+                    f"component {self.name!r}: no {', '.join(missing)}, got {_kind(component)}, "
+                    f"expected {', '.join(_VERBS)}"
+                )
+            try:
+                described = component.describe()
+            except Exception as error:
+                what = failure(error, component, "describe")
+                raise CouplingError(f"component {self.name!r}: {what}") from error
+            if not hasattr(described, "modelVariables"):
+                raise CouplingError(
+                    f"component {self.name!r}: describe answered {described!r}, "
+                    "expected a ModelDescription"
+                )
+            self._description = described
+        return cast("ModelDescription", self._description)
+
+    @property
+    def execution(self) -> Execution:
+        """When the component runs.
+
+        Raises
+        ------
+        CouplingError
+            If it does not say.
+        """
+        component: Any = self.component
+        try:
+            found = component.execution
+        except Exception as error:
+            what = failure(error, component, "execution")
+            raise CouplingError(f"component {self.name!r}: {what}") from error
+        has_all = all(hasattr(found, name) for name in ("kind", "rate_hz", "interface"))
+        if not (has_all and isinstance(found.rate_hz, Real)):
+            raise CouplingError(
+                f"component {self.name!r}: wrong execution, got {found!r}, "
+                "expected one with kind, rate_hz (a number) and interface"
+            )
+        return found
 
     @property
     def is_restorable(self) -> bool:
@@ -207,10 +271,9 @@ class Instance:
         except BaseException:
             self.fail()
             raise
-        if not isinstance(status, int):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise CouplingError(
-                f"component {self.name!r}: step answers no status, got {status!r}, expected 0 to 4"
-            )
+        if not is_status(status):
+            self.fail()
+            raise CouplingError(f"step answered {status!r}, expected a status 0 to 4")
         if status >= Status.ERROR:
             self.fail(fatal=status == Status.FATAL)
         return status
@@ -243,3 +306,15 @@ class Instance:
     def fail(self, *, fatal: bool = False) -> None:
         """Note that the component cannot go on."""
         self.state = "fatal" if fatal else "error"
+
+
+def _kind(component: object) -> str:
+    """Return the name of a component's class, and where that begins."""
+    from inspect import getsourcefile, getsourcelines
+
+    kind = type(component)
+    try:
+        file, line = getsourcefile(kind), getsourcelines(kind)[1]
+    except (OSError, TypeError):  # of C, or typed in
+        return kind.__qualname__
+    return f"{kind.__qualname__} ({PurePath(file or '').name}:{line})"

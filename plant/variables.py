@@ -7,22 +7,6 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 Causality = Literal["input", "output", "parameter", "local"]
 
-# name: (kg, m, s, rad exponents, factor to SI); G is weight, "1" dimensionless
-UNITS: dict[str, tuple[int, int, int, int, float]] = {
-    "1": (0, 0, 0, 0, 1.0),
-    "G": (0, 0, 0, 0, 1.0),
-    "m": (0, 1, 0, 0, 1.0),
-    "s": (0, 0, 1, 0, 1.0),
-    "kg": (1, 0, 0, 0, 1.0),
-    "rad": (0, 0, 0, 1, 1.0),
-    "deg": (0, 0, 0, 1, 0.017453292519943295),
-    "m/s": (0, 1, -1, 0, 1.0),
-    "m/s2": (0, 1, -2, 0, 1.0),
-    "rad/s": (0, 0, -1, 1, 1.0),
-    "1/s": (0, 0, -1, 0, 1.0),
-    "Hz": (0, 0, -1, 0, 1.0),
-    "W": (1, 2, -3, 0, 1.0),
-}
 SUFFIX_UNITS = {
     "_per_s": "1/s", "_m": "m", "_s": "s", "_kg": "kg", "_deg": "deg", "_rad": "rad",
     "_mps": "m/s", "_mps2": "m/s2", "_radps": "rad/s", "_hz": "Hz", "_G": "G",
@@ -104,6 +88,21 @@ def unknown(name: str, known: Iterable[str]) -> KeyError:
     return KeyError(f"unknown variable {name!r}{hint}")
 
 
+def _check_names(rows: Sequence[Variable]) -> None:
+    """Refuse names that are there twice, and dependencies that name no input."""
+    names = [row.name for row in rows]
+    inputs = [row.name for row in rows if row.causality == "input"]
+    for i, row in enumerate(rows):
+        if row.name in names[:i]:
+            raise ValueError(f"variable {row.name!r}: described twice, expected once")
+        for group in row.depends_on:
+            if not any(_belongs(name, group) for name in inputs):
+                near = get_close_matches(group, inputs, n=1)
+                hint = f", did you mean {near[0]!r}" if near else ""
+                what = f"depends_on: no input, got {group!r}{hint}"
+                raise ValueError(f"variable {row.name!r}: {what}")
+
+
 def _belongs(name: str, group: str) -> bool:
     return name == group or name.startswith((group + ".", group + "["))
 
@@ -113,13 +112,14 @@ def model_description(
 ) -> Any:
     """Return FMPy's ``ModelDescription`` (FMI 3.0 vocabulary) of a native component.
 
+    Units are given by name alone.
+
     Raises
     ------
-    KeyError
-        If a unit is not in :data:`UNITS`.
+    ValueError
+        If two variables have one name, or an output depends on what is no input.
     """
     from fmpy.model_description import (
-        BaseUnit,
         CoSimulation,
         Dimension,
         Item,
@@ -131,6 +131,7 @@ def model_description(
     )
 
     rows = list(variables)
+    _check_names(rows)
     time = ModelVariable(
         name="time",
         valueReference=0,
@@ -181,15 +182,7 @@ def model_description(
             canGetAndSetFMUstate=has_state,
             canSerializeFMUstate=has_state,
         ),
-        unitDefinitions=[
-            Unit(
-                name=unit,
-                baseUnit=BaseUnit(
-                    **dict(zip(("kg", "m", "s", "rad", "factor"), UNITS[unit], strict=True))  # pyright: ignore[reportArgumentType]
-                ),
-            )
-            for unit in used
-        ],
+        unitDefinitions=[Unit(name=unit) for unit in used if unit],  # read by whoever couples
         typeDefinitions=types,
         modelVariables=[time, *made.values()],
         outputs=[

@@ -173,7 +173,7 @@ class Keeper(Glider):
 class PilotParameters:
     """What the pilot wants."""
 
-    height_m: Annotated[float, "altitude to hold"] = 100.0
+    height_m: Annotated[float, Le(1000), "altitude to hold"] = 100.0
     gain_per_s: Annotated[float, Ge(0), "climb per altitude error"] = 0.5
     names: Annotated[list[str], Len(0, 2), "of the crew"] = field(default_factory=list)
 

@@ -243,8 +243,11 @@ def test_the_reason_of_an_error_is_in_the_log(fault, isolation):
     """What the FMU says about itself is recorded at its simulated time."""
     recording = fault("FAIL", isolation=isolation)
     said = [(time, message) for time, _, message in log(recording) if "the model failed" in message]
-    assert [time for time, _ in said] == pytest.approx([0.3])
-    assert said[0][1].endswith("the model failed (at 0.3 s)")
+    own = [message for _, message in said if not message.startswith(("error:", "end:"))]
+    assert [time for time, _ in said] == pytest.approx([0.3] * 3)  # its own, the event, the end
+    assert len(own) == 1
+    assert own[0].endswith("the model failed (at 0.3 s)")
+    assert recording.result.reason.endswith(f"step failed (Error), it says: {own[0]}")
 
 
 @pytest.mark.parametrize(

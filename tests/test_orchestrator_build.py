@@ -1,5 +1,6 @@
 """From a scenario to a system: what is looked up, checked, made and injected, and what refused."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
@@ -140,12 +141,12 @@ def test_a_wrong_parameter_is_one_line(override, message):
         (
             "small_components:Pilot",
             "nowhere:Pilot",
-            "13:10: components.pilot.use: no module 'nowhere'",
+            "13:10: components.pilot.use: no module 'nowhere', not in",
         ),
         (
             "small_components:Pilot",
             "plnt.helicopter:Helicopter",
-            "13:10: components.pilot.use: no module 'plnt', did you mean 'plant'",
+            "13:10: components.pilot.use: no module 'plnt', did you mean 'plant', not in",
         ),
         (
             "small_components:Pilot",
@@ -253,7 +254,36 @@ def test_a_wrong_parameter_is_one_line(override, message):
         (
             "set: pilot.height_m",
             "set: pilot.gain_per_s",
-            "19:5: event pilot.gain_per_s: parameter cannot change, got fixed, expected tunable",
+            "19:20: event pilot.gain_per_s: parameter cannot change, got fixed, expected tunable",
+        ),
+        (
+            "value: 50.0",
+            "value: fifty",
+            "19:43: event pilot.height_m: wrong type, got 'fifty', expected a number in m",
+        ),
+        (
+            "value: 50.0",
+            "value: 5e3",
+            (
+                "19:43: event pilot.height_m: out of range, got 5000.0 m, "
+                "expected a number <= 1000 m"
+            ),
+        ),
+        (
+            "clearance: glider.clearance",
+            "controls: glider.command",
+            (
+                "20:19: scene.controls: not an output, got 'glider.command', "
+                "expected what feeds it, pilot.command"
+            ),
+        ),
+        (
+            "clearance: glider.clearance",
+            "clearance: pilot.state.altitude",
+            (
+                "20:20: scene.clearance: not an output, got 'pilot.state.altitude', "
+                "expected what feeds it, glider.state.altitude"
+            ),
         ),
         (
             "[glider.outcome]",
@@ -355,11 +385,55 @@ def test_a_broken_module_is_one_line(tmp_path):
     assert str(caught.value) == message
 
 
-def test_a_defect_in_a_constructor_is_not_the_users_mistake():
-    """Anything but a refusal passes through, with a note of who was being made."""
-    with pytest.raises(RuntimeError, match="a defect") as caught:
-        build(load("glide.yaml", ["components.pilot.use=small_components:broken"]))
-    assert caught.value.__notes__ == ["while making components.pilot"]
+MISTAKES = {
+    "NoComponent": "component 'pilot': no describe, initialize, set, get, step, terminate, got "
+    "NoComponent (small_mistakes.py:N), expected describe, initialize, set, get, step, terminate",
+    "NoExecution": "component 'pilot': wrong execution, got None, expected one with kind, rate_hz "
+    "(a number) and interface",
+    "Constructor": "components.pilot: constructor failed, KeyError: 'a' (small_mistakes.py:N)",
+    "Arguments": "components.pilot: constructor failed, TypeError: Arguments._take() missing 1 "
+    "required positional argument: 'b' (small_mistakes.py:N)",
+    "Refusal": "components.pilot: no such thing, got 1 (small_mistakes.py:N)",
+    "Described": "component 'pilot': describe failed, KeyError: 'x' (small_mistakes.py:N)",
+    "Twice": "component 'pilot': describe failed, ValueError: variable 'u': described twice, "
+    "expected once (small_mistakes.py:N)",
+    "Dependent": "component 'pilot': describe failed, ValueError: variable 'y': depends_on: no "
+    "input, got 'v' (small_mistakes.py:N)",
+}
+
+
+@pytest.mark.parametrize("isolation", ["none", "process"])
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_in_a_component_is_one_line_at_its_place(name, isolation):
+    """Where the scenario names it: what was called, what was raised, and where in its code."""
+    text = (
+        "title: x\nduration_s: 1\ncomponents:\n  pilot: {{use: small_mistakes:{}, isolation: {}}}\n"
+    )
+    Path("mistake.yaml").write_text(text.format(name, isolation))
+    with pytest.raises(ScenarioError) as caught:
+        build(load("mistake.yaml"))
+    (problem,) = caught.value.problems
+    line = problem.message.partition("\n")[0]
+    assert re.sub(r"\.py:\d+\)", ".py:N)", line) == f"mistake.yaml:4:3: {MISTAKES[name]}"
+    assert caught.value.__cause__ is not None
+
+
+def test_a_module_of_ones_own_is_found_with_pythonpath(tmp_path):
+    """Where was looked is told, and what to do."""
+    line = told("components.pilot.use=flightlab.pid:Pid")[0]
+    assert line.startswith("--set #1: components.pilot.use: no module 'flightlab', not in ")
+    assert repr(str(Path().absolute())) in line
+    assert line.endswith("a package of one's own is found with PYTHONPATH or 'pip install -e'")
+
+
+def test_an_annotation_that_cannot_be_read_is_told():
+    """One line says which name is unknown."""
+
+    def make(parameters: "Nowhere"):  # noqa: F821
+        pass
+
+    with pytest.raises(ValueError, match="annotations cannot be read, NameError: name 'Nowhere'"):
+        constructor(make)
 
 
 def test_parameters_must_be_a_dataclass():

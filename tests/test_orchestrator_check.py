@@ -1,5 +1,7 @@
 """The conformance suite finds what it promises to find."""
 
+import re
+
 import numpy as np
 import pytest
 from scripted import Row, Scripted, counter, gain, integrator, make_restorable
@@ -114,7 +116,7 @@ def test_a_second_instance_that_cannot_be_elsewhere_is_not_made():
 
     found = check_component(factory)
     assert {c.name for c in found if c.detail.startswith("not tried: the factory")} == {
-        "construction", "get", "set", "determinism", "terminate",
+        "construction", "get", "set", "subsets", "determinism", "terminate",
     }  # fmt: skip
     assert {c.verdict for c in found if c.detail.startswith("not tried")} == {"not applicable"}
     assert "failed" not in {c.verdict for c in found}
@@ -190,12 +192,40 @@ def counting_reads():
     return component
 
 
+def tunable():
+    """Return a component with two inputs and a tunable parameter."""
+    rows = [Row(name, "input", 1.0) for name in ("u", "v")]
+    rows += [Row("k", "parameter", 2.0, variability="tunable"), Row("y", "output")]
+
+    def behave(values, time, step_size):
+        values["y"] = values["k"] * (values["u"] + values["v"])
+
+    return Scripted("sampled", 2.0, rows, behave)
+
+
+def greedy():
+    """Return a component that expects all of its inputs whenever one is set."""
+    component = tunable()
+    keep = component.set
+    component.set = lambda values: (keep(values), values["u"])
+    return component
+
+
+def forgetful():
+    """Return a component that takes what is not set for zero."""
+    component = tunable()
+    keep = component.set
+    component.set = lambda values: keep({"u": 0.0, "v": 0.0, **values})
+    return component
+
+
 CASES = [
     (broken(integrator, misnamed=lambda c: c.rows.append(Row("1y", "output"))), "description"),
     (noisy, "construction"),
     (broken(integrator, kind=lambda c: "sometimes"), "execution"),
     (broken(integrator, rate_hz=lambda c: 3.0), "execution"),
-    (broken(integrator, get=lambda c: lambda names: {"y": 1}), "outputs"),
+    (broken(integrator, get=lambda c: lambda names: {"y": True}), "outputs"),
+    (broken(integrator, get=lambda c: lambda names: {"y": np.ones(1)}), "outputs"),
     (broken(integrator, get=lambda c: lambda names: {"y": float("nan")}), "outputs"),
     (broken(integrator, get=lambda c: lambda names: {}), "outputs"),
     (counting_reads, "get"),
@@ -204,6 +234,10 @@ CASES = [
     (broken(integrator, set=lambda c: c.values.update), "names"),
     (broken(integrator, step=lambda c: lambda time, h: 3), "status"),
     (broken(integrator, step=lambda c: lambda time, h: None), "status"),
+    (broken(integrator, step=lambda c: lambda time, h: True), "status"),
+    (greedy, "subsets"),
+    (forgetful, "subsets"),
+    (broken(integrator, get=lambda c: lambda names: 1 / 0), "outputs"),
     (broken(gain, behave=lambda c: lambda v, t, h: v.update(z=float(id(c)))), "determinism"),
     (broken(integrator, terminate=lambda c: iter([None]).__next__), "terminate"),
 ]
@@ -236,3 +270,53 @@ def test_a_clause_reads_as_a_sentence():
     assert str(clause) == (
         "        passed  the description is valid by FMPy, names and structure included (3 variables)"
     )
+
+
+def test_inputs_and_tunable_parameters_are_set_one_by_one():
+    """As a run sets them: a component that keeps what is not there passes."""
+    assert verdicts(tunable)["subsets"] == "passed"
+    assert re.fullmatch(
+        r"of 'v' alone: set failed, KeyError: 'u' \(test_orchestrator_check.py:\d+\)",
+        details(greedy)["subsets"],
+    )
+
+
+def test_an_int_for_a_float_passes():
+    """What a run takes for a float is one here too."""
+    assert "failed" not in verdicts(broken(integrator, get=one_or_key_error)).values()
+
+
+def one_or_key_error(component):
+    """Return a ``get`` that answers an int."""
+    real = component.get
+    return lambda names: {name: int(value) for name, value in real(names).items()}
+
+
+ONE_CAUSE = [
+    (broken(integrator, describe=lambda c: lambda: 1 / 0), "description", "describe failed, Zero"),
+    (broken(integrator, describe=lambda c: lambda: None), "description", "describe answered None"),
+    (broken(integrator, initialize=lambda c: lambda a, b: None), "outputs", "initialize failed, T"),
+    (broken(integrator, step=lambda c: lambda time: 0), "status", "step failed, TypeError: "),
+    (broken(integrator, step=lambda c: lambda time, h: None), "status", "step answered None, "),
+    (broken(integrator, get=lambda c: lambda names: 1 / 0), "outputs", "get failed, ZeroDivision"),
+]
+
+
+@pytest.mark.parametrize(("factory", "clause", "detail"), ONE_CAUSE)
+def test_one_cause_is_told_once(factory, clause, detail):
+    """Clauses that it keeps from being tried are not failed as well, and say where to look."""
+    found = check_component(factory)
+    (told,) = (c for c in found if c.verdict == "failed" and c.name != "names")
+    assert told.name == clause
+    assert told.detail.startswith(detail)
+    skipped = [c.detail for c in found if c.verdict == "not tried"]
+    assert len(skipped) >= 5
+    assert all(line.endswith(f"failed, see {clause!r}") for line in skipped)
+
+
+def test_what_cannot_be_made_is_not_checked():
+    """The factory's exception is the answer, with its place."""
+    place = r"\(test_orchestrator_check.py:\d+\)"
+    told = f"cannot be made, constructor failed, ZeroDivisionError: division by zero {place}"
+    with pytest.raises(ValueError, match=told):
+        check_component(lambda: 1 / 0)

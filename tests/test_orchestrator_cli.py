@@ -12,6 +12,8 @@ from small_components import GROUND, SCENARIO
 
 import orchestrator
 from orchestrator.command.app import status
+from orchestrator.command.tables import flight_table
+from orchestrator.command.terminal import print_table
 from orchestrator.flight import fly, recording_metrics
 
 PROMISED = (
@@ -73,6 +75,14 @@ def test_metrics_of_the_recording_equal_those_of_the_run(capsys):
     assert json.loads(capsys.readouterr().out) == json.loads(run)
 
 
+def test_metrics_have_the_title_of_the_run(capsys):
+    """The same table, whatever the file is called."""
+    status(["run", "glide.yaml", "--out", "other.mcap"])
+    flown = capsys.readouterr().out
+    assert status(["metrics", "other.mcap"]) == 0
+    assert capsys.readouterr().out == flown
+
+
 def test_timings_are_null_without_wall_clock(capsys):
     """Nothing measured is told, and two recordings are byte-identical."""
     for name in ("a.mcap", "b.mcap"):
@@ -93,9 +103,21 @@ def test_diff_tells_whether_two_recordings_are_the_same(capsys):
         status(["run", "glide.yaml", "--out", name, "--set", climb])
     capsys.readouterr()
     assert status(["diff", "a.mcap", "b.mcap"]) == 0
-    assert capsys.readouterr().out == "no difference\n"
+    assert capsys.readouterr().out.startswith("no difference in ")
     assert status(["diff", "a.mcap", "c.mcap"]) == 1
     assert "glider.state.altitude: value differs" in capsys.readouterr().out
+
+
+def test_diff_with_a_shorter_flight_is_told_once(capsys):
+    """Which is longer, and that up to the other's end all is equal; events in between too."""
+    status(["run", "glide.yaml", "--out", "a.mcap"])
+    status(["run", "glide.yaml", "--out", "b.mcap", "--set", "duration_s=2"])
+    assert "note: 1 event after the end at 2 s never happens\n" in capsys.readouterr().err
+    for pair in (["a.mcap", "b.mcap"], ["b.mcap", "a.mcap"]):
+        assert status(["diff", *pair]) == 1
+        longer, equal = capsys.readouterr().out.splitlines()
+        assert longer == "a.mcap is longer: 10 s, b.mcap ends at 2 s"
+        assert equal.endswith(" equal up to 2 s, 0 different")
 
 
 def test_run_can_do_without_a_recording(capsys):
@@ -185,16 +207,40 @@ def test_an_end_that_the_scenario_names_is_a_failure_too(capsys):
 
 def test_a_defect_is_one_line_with_the_way_to_the_traceback(capsys, monkeypatch):
     """Exit code 3; HEDGEHOP_TRACEBACK=1 shows where."""
-    arguments = ["validate", "glide.yaml", "--set", "components.pilot.use=small_components:broken"]
+
+    def defective(*_):
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr("orchestrator.command.flights.built", defective)
+    arguments = ["validate", "glide.yaml"]
     assert status(arguments) == 3
     error = capsys.readouterr().err
-    assert (
-        "hedgehop: internal error, RuntimeError: a defect, while making components.pilot" in error
-    )
+    assert "hedgehop: internal error, RuntimeError: a defect" in error
     assert "Traceback" not in error
     monkeypatch.setenv("HEDGEHOP_TRACEBACK", "1")
     assert status(arguments) == 3
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_mistake_in_a_component_is_the_users(capsys, monkeypatch):
+    """Exit code 2 and one line; HEDGEHOP_TRACEBACK=1 shows the rest."""
+    arguments = ["validate", "glide.yaml", "--set", "components.pilot.use=small_components:broken"]
+    assert status(arguments) == 2
+    error = capsys.readouterr().err
+    assert "components.pilot: constructor failed, RuntimeError: a defect (small_comp" in error
+    assert "Traceback" not in error
+    monkeypatch.setenv("HEDGEHOP_TRACEBACK", "1")
+    assert status(arguments) == 2
+    assert 'raise RuntimeError("a defect")' in capsys.readouterr().err
+
+
+def test_what_looks_like_markup_is_printed_as_it_is(capsys):
+    """A reason may have brackets."""
+    print_table("title [a]", flight_table({**REASON, "reason": "u[/x] [red] is wrong"}, None))
+    assert "u[/x] [red] is wrong" in capsys.readouterr().out
+
+
+REASON = {"outcome": "component error", "duration_s": 1.0}
 
 
 def test_validate_says_what_it_found(capsys):
@@ -204,10 +250,37 @@ def test_validate_says_what_it_found(capsys):
     assert capsys.readouterr().out == expected
 
 
+@pytest.mark.parametrize("command", [["validate"], ["run", "--no-record"]])
+def test_a_forgotten_connection_is_a_note(capsys, command):
+    """The scenario stays valid: an input may be meant to keep its start value."""
+    text = SCENARIO.replace("  - {from: pilot.command, to: glider.command, delay_s: 0.05}\n", "")
+    Path("glide.yaml").write_text(text)
+    assert status([command[0], "glide.yaml", *command[1:]]) == 0
+    note = "note: glider.command.climb (0 m/s): nothing is connected, the start value is kept\n"
+    assert capsys.readouterr().err.endswith(note)
+
+
+def test_a_folder_is_no_scenario(capsys):
+    """It is told as such, whatever it holds."""
+    Path("scenes").mkdir()
+    assert status(["run", "scenes"]) == 2
+    assert capsys.readouterr().err == "scenes: is a folder, expected a scenario file\n"
+
+
+def test_a_layout_of_nothing_names_the_recording_only(capsys):
+    """What cannot be read is told, not what is therefore not written."""
+    assert status(["layout", "nope.mcap"]) == 2
+    assert capsys.readouterr().err.startswith("nope.mcap: cannot be read, ")
+
+
 def test_list_names_installed_components(capsys):
     """By entry point, with the first line of their docstrings."""
     assert status(["list"]) == 0
-    assert "plant.helicopter:Helicopter" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "plant.helicopter:Helicopter" in printed
+    assert "`" not in printed
+    assert ":class:" not in printed
+    assert "LQ preview control behind the interface of controller.mpc.Mpc." in printed
 
 
 def test_inspect_shows_variables_and_parameters_with_units(capsys):
@@ -218,12 +291,28 @@ def test_inspect_shows_variables_and_parameters_with_units(capsys):
     lines = [" ".join(line.split()) for line in printed.splitlines()]
     assert "command.climb input Float64 m/s 0.0 rate of climb" in lines
     assert "altitude_m m 100.0 a number >= 0 and <= 1000 at the start" in lines
+    assert 'takes ground: "${...}" (optional)' in lines
+    assert "at the same instant: command -> state" in lines
+    (title,) = (line for line in lines if "made with defaults" in line)
+    assert "continuous, 20 Hz" in title
     keeper = ["inspect", "small_components:Keeper"]
     assert status(keeper) == 2
     text = SCENARIO.replace("small_components:Glider", "small_components:Keeper")
     Path("glide.yaml").write_text(text)
     assert status([*keeper, "--scenario", "glide.yaml"]) == 0
     assert "made with glider of glide.yaml" in capsys.readouterr().out
+
+
+def test_inspect_shows_the_components_of_a_recording(capsys):
+    """Their variables with causality, unit and how often each was recorded."""
+    status(["run", "glide.yaml"])
+    capsys.readouterr()
+    assert status(["inspect", "glide.mcap"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert lines[0] == "glide.mcap: A glider"
+    assert {"glider: continuous, 20 Hz", "pilot: sampled, 2 Hz"} < set(lines)
+    assert "clearance output Float64 m 201 above ground" in lines
+    assert "height_m tunable Float64 m 2 altitude to hold" in lines
 
 
 def test_check_tells_every_clause(capsys):
@@ -286,3 +375,21 @@ def test_a_full_disk_is_told_and_ends_with_2(capsys):
     Path("full.mcap").symlink_to("/dev/full")
     assert status(["run", "glide.yaml", "--out", "full.mcap"]) == 2
     assert "full.mcap: cannot be written, No space left on device\n" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "kind", "what"),
+    [
+        ("export", "Constructor", "constructor failed, KeyError: 'a' (small_mistakes.py:"),
+        ("export", "NoComponent", "no describe, initialize, set, get, step, terminate, got No"),
+        ("export", "Described", "describe failed, KeyError: 'x' (small_mistakes.py:"),
+        ("inspect", "Described", "describe failed, KeyError: 'x' (small_mistakes.py:"),
+    ],
+)
+def test_a_component_that_cannot_be_looked_at_is_one_line(capsys, command, kind, what):
+    """Whatever is its own mistake is told with its place."""
+    options = ["-o", "x.fmu"] if command == "export" else []
+    assert status([command, f"small_mistakes:{kind}", *options]) == 2
+    text = capsys.readouterr().err
+    assert what in text
+    assert text.count("\n") == 1

@@ -1,9 +1,12 @@
 """The life cycle: one table, enforced by Instance."""
 
+import re
+from types import SimpleNamespace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scripted import integrator
+from scripted import Execution, integrator
 
 from orchestrator.component import LIFE_CYCLE, Instance, Status
 from orchestrator.errors import CouplingError
@@ -83,12 +86,56 @@ def test_a_failed_initialization_counts_as_error():
     assert instance.state == "error"
 
 
-def test_step_answers_a_number():
-    """A step without a status breaks the contract, by name."""
+@pytest.mark.parametrize("answer", [None, True, 5, -1, 0.0, "0"])
+def test_step_answers_a_status(answer):
+    """A step that answers anything but an integer from 0 to 4 breaks the contract."""
     instance = started(None)
-    instance.component.step = lambda time, step_size: None
-    with pytest.raises(CouplingError, match="'plant': step answers no status, got None"):
+    instance.component.step = lambda time, step_size: answer
+    with pytest.raises(CouplingError) as caught:
         CALLS["step"](instance)
+    assert str(caught.value) == f"step answered {answer!r}, expected a status 0 to 4"
+    assert instance.state == "error"
+
+
+def test_what_is_no_component_is_refused_by_what_it_lacks():
+    """All that is missing at once, and where the class is."""
+    with pytest.raises(CouplingError) as caught:
+        _ = Instance("plant", Empty()).description
+    line = re.search(r"test_orchestrator_component.py:(\d+)", str(caught.value))[1]
+    assert str(caught.value) == (
+        "component 'plant': no describe, initialize, set, get, step, got Empty "
+        f"(test_orchestrator_component.py:{line}), "
+        "expected describe, initialize, set, get, step, terminate"
+    )
+
+
+class Empty:
+    """No component."""
+
+    def terminate(self):
+        """Do nothing."""
+
+
+def test_a_description_that_fails_or_is_none_is_told():
+    """One line names the call, the exception and its place."""
+    component = integrator()
+    component.describe = lambda: 1 / 0
+    place = r"\(test_orchestrator_component.py:\d+\)$"
+    told = f"'plant': describe failed, ZeroDivisionError: division by zero {place}"
+    with pytest.raises(CouplingError, match=told):
+        _ = Instance("plant", component).description
+    component.describe = lambda: None
+    with pytest.raises(CouplingError, match="describe answered None, expected a ModelDescription"):
+        _ = Instance("plant", component).description
+
+
+@pytest.mark.parametrize("execution", [None, "sampled", Execution("sampled", "20")])
+def test_an_execution_says_kind_rate_and_interface(execution):
+    """Anything else is refused, with what was found."""
+    made = SimpleNamespace(execution=execution)
+    with pytest.raises(CouplingError) as caught:
+        _ = Instance("plant", made).execution
+    assert str(caught.value).startswith(f"component 'plant': wrong execution, got {execution!r},")
 
 
 def test_step_mode_hands_out_the_component():

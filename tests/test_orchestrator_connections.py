@@ -80,15 +80,6 @@ def test_units_of_one_dimension_are_converted(caplog):
     assert len(caplog.records) == 2
 
 
-def test_unconnected_inputs_are_named_for_debugging(caplog):
-    """An input without connection keeps its start value; only the debug log says so."""
-    with caplog.at_level(logging.DEBUG, "orchestrator.assembly.connections"):
-        links("vehicle.state.u -> mpc.height")
-    lines = [record.getMessage() for record in caplog.records]
-    assert "vehicle.command.thrust: nothing is connected, keeps its start value 0.0" in lines
-    assert not any(line.startswith("mpc.height:") for line in lines)
-
-
 def test_delay():
     """A delay becomes whole nanoseconds."""
     (link,) = links("vehicle.state.u -> mpc.height", delay_s=0.15)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scripted import Row, describe
 
-from orchestrator.assembly.description import members, mismatch, ports
+from orchestrator.assembly.description import members, mismatch, plain, ports
 from orchestrator.errors import CouplingError
 
 ROWS = [
@@ -142,3 +144,43 @@ def test_values_match_their_port(name, value, fault):
     else:
         assert found is not None
         assert fault in found
+
+
+def test_a_name_described_twice_is_refused():
+    """Among the variables, and in the list of outputs."""
+    described = describe("c", ROWS)
+    described.outputs.append(described.outputs[0])
+    with pytest.raises(CouplingError, match="'c': .*: output 'count' is listed twice"):
+        ports("c", described)
+    described = describe("c", ROWS)
+    described.modelVariables.append(described.modelVariables[1])
+    with pytest.raises(CouplingError, match='"command.thrust" is not unique'):
+        ports("c", described)
+
+
+def test_a_dependency_on_no_variable_is_refused():
+    """It would be left out, and with it a direct feed-through."""
+    described = describe("c", ROWS)
+    other = describe("d", [Row("command.thrst", "input")])
+    described.outputs[2].dependencies = [other.modelVariables[1]]
+    told = "output 'y' depends on 'command.thrst', no variable, did you mean 'command.thrust'"
+    with pytest.raises(CouplingError, match=told):
+        ports("c", described)
+
+
+def test_a_description_that_lacks_the_plainest_things_is_refused():
+    """Not even FMPy can read it."""
+    described = describe("c", ROWS)
+    described.fmiVersion = None
+    with pytest.raises(CouplingError, match="'c': .* not valid: it cannot be read, AttributeError"):
+        ports("c", described)
+
+
+@given(st.one_of(st.floats(), st.integers(), st.booleans(), st.floats(width=32).map(np.float32)))
+def test_a_plain_number_is_equal_to_what_it_was(value):
+    """Nothing is lost: what would lose anything stays what it is, and so does every bool."""
+    for name in ("y", "count", "is_on"):
+        made = plain(read()[name], value)
+        assert made is value or (made == value) or np.isnan(value)
+        assert isinstance(made, bool) == isinstance(value, bool)
+        assert made is value or mismatch(read()[name], made) is None

@@ -5,9 +5,9 @@ import pytest
 from scripted import Row, Scripted, clock, gain, integrator, system
 
 from orchestrator.assembly.description import Port
+from orchestrator.assembly.settable import parsed
 from orchestrator.errors import ScenarioError
 from orchestrator.figures.trace import Trace
-from orchestrator.run.events import parsed
 from orchestrator.run.simulate import simulate
 from orchestrator.scenario.records import EventSpec
 
@@ -16,6 +16,7 @@ ROWS = [
     Row("mode", "input", 0, items=("slow", "fast")),
     Row("curve", "input", shape=(2,)),
     Row("k", "parameter", 1.0, variability="tunable"),
+    Row("far", "parameter", 1.0, "km", variability="tunable"),
     Row("mass", "parameter", 1.0),
     Row("y", "output"),
 ]
@@ -75,28 +76,55 @@ def test_a_feed_through_output_shows_the_change_at_once():
 
 
 @pytest.mark.parametrize(
-    ("event", "message"),
+    ("event", "key", "message"),
     [
-        (EventSpec(0.5, "c.kk", 1.0), "'c' has no variable or group 'kk', did you mean 'k'"),
-        (EventSpec(0.5, "d.k", 1.0), "no component 'd'"),
-        (EventSpec(0.5, "c.y", 1.0), "got output, expected input or tunable parameter"),
-        (EventSpec(0.5, "c.mass", 1.0), "parameter cannot change, got fixed, expected tunable"),
-        (EventSpec(0.5, "g.u", 1.0), "input is connected to c.y, expected an unconnected one"),
-        (EventSpec(0.5, "c.k", "high"), "wrong type, got str, expected float"),
-        (EventSpec(0.5, "c.mode", "fats"), "no such item, got 'fats', expected one of"),
-        (EventSpec(0.26, "c.k", 1.0), "got 0.26 s, expected 0.25 s or 0.3 s"),
-        (EventSpec(-0.05, "c.k", 1.0), "negative, got -0.05 s, expected 0 s or more"),
-        (EventSpec(1.05, "c.k", 1.0), "at_s is after the end, got 1.05 s, expected up to 1.0 s"),
+        (EventSpec(0.5, "c.kk", 1.0), "set", "'c' has no variable or group 'kk', did you mean 'k'"),
+        (EventSpec(0.5, "d.k", 1.0), "set", "no component 'd'"),
+        (EventSpec(0.5, "c.y", 1.0), "set", "got output, expected input or tunable parameter"),
+        (
+            EventSpec(0.5, "c.mass", 1.0),
+            "set",
+            "parameter cannot change, got fixed, expected tunable",
+        ),
+        (
+            EventSpec(0.5, "g.u", 1.0),
+            "set",
+            "input is connected to c.y, expected an unconnected one",
+        ),
+        (EventSpec(0.5, "c.k", "high"), "value", "wrong type, got 'high', expected a number"),
+        (EventSpec(0.5, "c.far", True), "value", "wrong type, got true, expected a number in km"),
+        (
+            EventSpec(0.5, "c.curve", ["a", 1]),
+            "value",
+            'wrong type, got ["a", 1], expected a list of shape 2, each a number',
+        ),
+        (EventSpec(0.5, "c.mode", "fats"), "value", "no such item, got 'fats', expected one of"),
+        (EventSpec(0.5, "c.k", float("nan")), "value", "not a number, got nan, expected a number"),
+        (EventSpec(0.26, "c.k", 1.0), "at_s", "got 0.26 s, expected 0.25 s or 0.3 s"),
+        (EventSpec(-0.05, "c.k", 1.0), "at_s", "negative, got -0.05 s, expected 0 s or more"),
     ],
 )
-def test_events_are_checked_when_coupling(event, message):
+def test_events_are_checked_when_coupling(event, key, message):
     """Name, causality, value and time: each is a problem of its event."""
     with pytest.raises(ScenarioError) as caught:
         system({"c": scripted(), "g": gain()}, ["c.y -> g.u"], events=[event])
     (problem,) = caught.value.problems
     assert message in problem.message
     assert problem.message.startswith(f"event {event.set}: ")
-    assert problem.path == ("events", 0)
+    assert problem.path == ("events", 0, key)
+
+
+def test_events_after_the_end_are_a_note():
+    """A flight can be shortened: they are left out, and how many they are is said."""
+    late = [EventSpec(at, "c.k", 1.0) for at in (1.0, 1.05, 7.0)]
+    made = system({"c": scripted(), "tick": clock(20.0)}, events=late)
+    assert made.notes[-1] == "2 events after the end at 1 s never happen"
+    assert set(made.notes) <= set(made.log)
+    one = system({"c": scripted()}, events=[EventSpec(4.0, "c.k", 1.0)], duration_s=2.0)
+    assert one.notes == ("1 event after the end at 2 s never happens",)
+    trace = Trace()
+    simulate(one, [trace])
+    assert [event.kind for event in trace.events] == ["end"]
 
 
 def port(**more):

@@ -135,7 +135,7 @@ def test_start_values_have_units(fmu, fmi, started):
     assert component.get(["gear_ratio", "angle"]) == {"gear_ratio": 3.0, "angle": 45.0}
     assert started(file, start={"label": "tail"}).get(["label"]) == {"label": "tail"}
     wrong = {
-        "label": "start: label: wrong type, got int, expected str",
+        "label": "start: label: wrong type, got 1, expected text",
         "gear_ration": "did you mean 'gear_ratio'",
         "Float64_out": "start: Float64_out: takes no start value",
     }

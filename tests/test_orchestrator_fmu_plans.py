@@ -52,7 +52,11 @@ def test_a_file_is_looked_up_beside_the_scenario(fmu, tmp_path):
     ("keys", "key", "says"),
     [
         ({"parameters": {"gear_ration": 1}}, "gear_ration", "did you mean 'gear_ratio'"),
-        ({"parameters": {"gear_ratio": "x"}}, "gear_ratio", "wrong type, got str"),
+        (
+            {"parameters": {"gear_ratio": "x"}},
+            "gear_ratio",
+            "wrong type, got 'x', expected a number",
+        ),
         ({"parameters": {"angle": {"value": 1, "unit": "s"}}}, "angle", "another dimension"),
         ({"parameters": {"vector_in": [1, 2]}}, "vector_in", r"wrong shape, got \(2,\)"),
         ({"fmu": {"array": True}}, "array", "unknown key, got 'array', did you mean 'arrays'"),

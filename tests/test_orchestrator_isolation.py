@@ -1,6 +1,7 @@
 """A component in a process of its own: the same flight, and no fault of it is the run's."""
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_faults
 
 from orchestrator.assembly.build import build
 from orchestrator.assembly.plan import Plan
@@ -75,14 +77,20 @@ def is_running(pid):
 
 
 AT = "c at t = 0.500 s: "
+RAISED = small_faults.raise_error.__code__.co_firstlineno + 1  # not where it was called from
 ENDS = [
     ("exit", [], "died", "process died, exit code 3"),
     ("sys.exit", [], "died", "process died, exit code 4"),
     ("crash", [], "died", "process died, killed by SIGSEGV"),
     ("hang", ["timeout_s=0.3"], "timeout", "does not answer, expected within 0.3 s"),
-    ("raise", [], "error", "failed, RuntimeError: NotPicklable: beyond words"),
-    ("error", [], "error", "step failed (Error)"),
-    ("fatal", [], "error", "step failed (Fatal)"),
+    (
+        "raise",
+        [],
+        "error",
+        f"step failed, RuntimeError: NotPicklable: beyond words (small_faults.py:{RAISED})",
+    ),
+    ("error", [], "error", "step failed (Error), it says: about to error"),
+    ("fatal", [], "error", "step failed (Fatal), it says: about to fatal"),
 ]
 
 
@@ -213,8 +221,9 @@ def test_a_refused_parameter_is_an_error_at_its_time(fly, tmp_path):
     scenario = load(tmp_path / "faulty.yaml", ["events=[{at_s: 0.5, set: c.gain, value: -1.0}]"])
     trace = Listening()
     simulate(build(scenario), [trace])
-    expected = AT + "failed, ValueError: gain: negative, got -1.0, expected 0 or more"
-    assert trace.result.reason == expected
+    expected = AT + "set failed, ValueError: gain: negative, got -1.0, expected 0 or more"
+    assert re.fullmatch(re.escape(expected) + r" \(small_faults.py:\d+\)", trace.result.reason)
+    assert "small_faults.py" in trace.events[-2].message.partition("\n")[2]  # the traceback
 
 
 def run(text, folder, **more):

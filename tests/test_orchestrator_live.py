@@ -21,6 +21,7 @@ from scripted import Row, Scripted, system
 
 from orchestrator.assembly.build import build
 from orchestrator.assembly.description import Port
+from orchestrator.assembly.settable import accepted, bounds
 from orchestrator.command.app import status
 from orchestrator.figures.trace import Trace
 from orchestrator.flight import fly, fly_system
@@ -28,7 +29,6 @@ from orchestrator.listener import Result
 from orchestrator.live.line import Line
 from orchestrator.live.live import Live
 from orchestrator.live.pace import LATE_S, Pace
-from orchestrator.live.tunables import accepted, bounds
 from orchestrator.playback.replay import replay
 from orchestrator.recording.provenance import EPOCH_NS
 from orchestrator.recording.reader import Recording
@@ -177,7 +177,7 @@ def test_a_viewer_cannot_ask_for_what_is_no_value():
         show.end()
     warnings = [one["message"] for one in viewer.answers("status") if one["level"] == 1]
     assert len(warnings) == 4
-    assert warnings[0] == "pilot.height_m: wrong type, got str, expected float"
+    assert warnings[0] == "pilot.height_m: wrong type, got 'high', expected a number in m"
     assert "pilot.gain_per_s: cannot be set, got 2.0, expected one of" in warnings[1]
     events = Recording.open(show.out).events
     assert [event.message for event in events if event.kind == "set"] == ["pilot.height_m = 50.0"]
@@ -187,13 +187,14 @@ def test_values_out_of_bounds_are_refused_before_they_reach_the_component():
     """Bounds are those of the description, and those of the parameter's field."""
     made = build(load("glide.yaml"))
     port = made.ports["pilot"]["gain_per_s"]
-    assert accepted(port, 3, bounds(made)) == 3.0
+    found = bounds(made.plans)
+    assert accepted(port, 3, found) == 3.0
     with pytest.raises(
-        ValueError, match=r"^out of range, got -1\.0 1/s, expected greater than or e"
+        ValueError, match=r"^out of range, got -1\.0 1/s, expected a number >= 0 1/s$"
     ):
-        accepted(port, -1, bounds(made))
+        accepted(port, -1, found)
     with pytest.raises(ValueError, match=r"parameter 'gain_per_s' is out of range, got 3\.0 1/s"):
-        accepted(replace(port, max=2.0), 3, bounds(made))
+        accepted(replace(port, max=2.0), 3, found)
 
 
 def test_a_change_that_ends_the_flight_is_repeated_too():

@@ -1,5 +1,6 @@
 """Policies: for every fault, what ends and what goes on."""
 
+import logging
 import re
 
 import numpy as np
@@ -57,12 +58,14 @@ def spoil_plan(values):
     values["plan"][1] = float("inf")
 
 
+PLACE = f" (test_orchestrator_policies.py:{fail.__code__.co_firstlineno + 1})"
 ENDS = [
     (Status.DISCARD, "discard", "c at t = 0.500 s: step is refused (Discard)"),
     (Status.ERROR, "error", "c at t = 0.500 s: step failed (Error)"),
     (Status.FATAL, "error", "c at t = 0.500 s: step failed (Fatal)"),
-    (7, "error", "c at t = 0.500 s: step answered an unknown status, got 7, expected 0 to 4"),
-    (fail, "error", "c at t = 0.500 s: failed, RuntimeError: the sky is falling"),
+    (7, "error", "c at t = 0.500 s: step answered 7, expected a status 0 to 4"),
+    (True, "error", "c at t = 0.500 s: step answered True, expected a status 0 to 4"),
+    (fail, "error", "c at t = 0.500 s: step failed, RuntimeError: the sky is falling" + PLACE),
     (spoil, "nonfinite", "c at t = 0.500 s: output 'y' is not finite, got nan"),
     (spoil_plan, "nonfinite", "c at t = 0.500 s: output 'plan[1]' is not finite, got inf"),
 ]
@@ -86,6 +89,89 @@ def test_a_traceback_goes_into_the_event_and_nowhere_else(capfd):
     trace = fly(faulty(at(0.5, fail)))
     assert re.search(r"Traceback .*in fail\n.*RuntimeError", trace.events[0].message, re.DOTALL)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_traceback_is_shown_where_it_is_asked_for(capfd, monkeypatch):
+    """With HEDGEHOP_TRACEBACK=1 it goes to stderr, of what is held too."""
+    monkeypatch.setenv("HEDGEHOP_TRACEBACK", "1")
+    fly(faulty(at(0.5, fail)), on_error="hold")
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert re.search(r"^Traceback .*in fail\n.*RuntimeError", err, re.DOTALL)
+
+
+@pytest.mark.parametrize("answer", [None, False, np.bool_(0), 0.0, "OK", 5, -1])
+@pytest.mark.parametrize("keys", [{}, {"deadline_s": 10.0}])
+def test_what_is_no_status_is_a_fault_of_the_component(answer, keys):
+    """However false or small it is, timed or not; it counts as Error, which can be held."""
+    component = clock(2.0, "sampled")
+    component.step = lambda time, step_size: answer
+    trace = fly(component, **keys)
+    expected = f"c at t = 0.000 s: step answered {answer!r}, expected a status 0 to 4"
+    assert trace.result.reason == expected
+    assert fly(component, on_error="hold", **keys).result.outcome == "flown"
+
+
+@pytest.mark.parametrize("answer", [0, Status.OK, np.int64(0), 1, np.int8(1)])
+def test_any_integer_is_a_status(answer):
+    """Of numpy too."""
+    component = clock(2.0, "sampled")
+    component.step = lambda time, step_size: answer
+    trace = fly(component)
+    assert trace.result.outcome == "flown"
+    assert trace.result.counts == ({"warnings.c": 2} if answer else {})
+
+
+def test_a_retried_step_without_a_status_is_a_fault():
+    """The policy for refused steps does not mistake it for one."""
+    component = picky(0.125)
+    component.step = lambda time, step_size: None
+    trace = fly(component, on_discard="retry")
+    assert trace.result.reason.endswith("step answered None, expected a status 0 to 4")
+
+
+@pytest.mark.parametrize("call", ["set", "get", "step"])
+@pytest.mark.parametrize("kind", ["sampled", "continuous"])
+def test_a_failure_names_the_call(call, kind):
+    """Set, get or step: whichever raised, with the line of the component's own code."""
+    component = gain(kind=kind)
+
+    def fall(*_):
+        raise KeyError("u")
+
+    def breaking(values, time, step_size):
+        if time == 0.5:
+            due.append(time)
+
+    due, member = [], getattr(component, call)
+    setattr(component, call, lambda *arguments: fall() if due else member(*arguments))
+    breaker = Scripted("sampled", 20.0, [Row("y", "output")], breaking)
+    trace = Trace()
+    simulate(system({"a": breaker, "c": component}, ["a.y -> c.u"]), [trace])
+    line = fall.__code__.co_firstlineno + 1
+    expected = f"s: {call} failed, KeyError: 'u' (test_orchestrator_policies.py:{line})"
+    assert trace.result.reason.endswith(expected)
+
+
+@pytest.mark.parametrize("answer", [Status.DISCARD, Status.ERROR, Status.FATAL])
+def test_a_status_comes_with_what_was_logged_last(answer):
+    """If the component has logged at that instant, that usually is the reason."""
+    logger = logging.getLogger("hedgehop.component.c")
+
+    def complain(values):
+        logger.warning("too hot:\n%d K", 400)
+        logging.getLogger("hedgehop.component.reader").warning("another's")
+        return answer
+
+    trace = fly(faulty(at(0.5, complain)))
+    assert trace.result.reason.endswith(f"({answer.name.capitalize()}), it says: too hot: 400 K")
+
+    def early(values, time):
+        if time == 0.25:
+            logger.warning("warm")
+        return answer if time == 0.5 else Status.OK
+
+    assert fly(faulty(early)).result.reason.endswith(f"({answer.name.capitalize()})")
 
 
 HOLDS = [

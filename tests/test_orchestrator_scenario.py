@@ -6,6 +6,7 @@ import pytest
 from small_components import SCENARIO
 
 from orchestrator.errors import ScenarioError
+from orchestrator.scenario import layers
 from orchestrator.scenario.load import json_schema, load
 from orchestrator.scenario.records import ComponentSpec, ConnectionSpec, EventSpec, ResourceSpec
 
@@ -200,6 +201,28 @@ def test_a_mistake_in_a_parent_file_is_told_there():
     assert told("extends: base.yaml\ntitle: b") == [
         "base.yaml:4:7: seed: wrong type, got 'x', expected a whole number >= 0"
     ]
+
+
+def test_what_is_not_beside_a_file_is_extended_from_the_installed_ones(monkeypatch, tmp_path):
+    """The file beside it comes first."""
+    shipped = tmp_path / "shipped"
+    shipped.mkdir()
+    (shipped / "base.yaml").write_text(MINIMAL + "seed: 3")
+    monkeypatch.setattr(layers, "installed", lambda: shipped)
+    path = written("extends: base.yaml\ntitle: b")
+    assert (load(path).title, load(path).seed) == ("b", 3)
+    written(MINIMAL + "seed: 4", "base.yaml")
+    assert load(path).seed == 4
+
+
+@pytest.mark.parametrize("parent", ["nothing.yaml", "folder.yaml", "broken.yaml"])
+def test_without_a_parent_nothing_else_is_told(parent):
+    """What the parent might have held is not missed."""
+    Path("folder.yaml").mkdir()
+    written("a: [", "broken.yaml")
+    (line,) = told(f"extends: {parent}\nseed: 1")
+    assert parent in line
+    assert "missing" not in line
 
 
 def test_an_override_may_open_a_section_or_parameters():

@@ -374,7 +374,16 @@ def test_a_component_that_cannot_be_initialized_is_a_problem_of_the_scenario():
 
 @pytest.mark.parametrize(
     ("values", "message"),
-    [({}, "output 'y': is missing"), ({"y": 1}, "output 'y': wrong type, got int, expected float")],
+    [
+        ({}, "output 'y': is missing"),
+        (None, "get failed, TypeError"),
+        ({"y": True}, "output 'y': wrong type, got bool, expected float"),
+        ({"y": 2**53 + 1}, "output 'y': wrong type, got int, expected float"),
+        ({"y": 10**400}, "output 'y': wrong type, got int, expected float"),
+        ({"y": np.array(1.0)}, "output 'y': wrong type, got ndarray, expected float"),
+        ({"y": np.array([1.0])}, "output 'y': wrong type, got ndarray, expected float"),
+        ({"y": np.bool_(1)}, "output 'y': wrong type, got bool, expected float"),
+    ],
 )
 def test_first_outputs_are_what_was_described(values, message):
     """A missing or mistyped output is found before the run."""
@@ -384,12 +393,84 @@ def test_first_outputs_are_what_was_described(values, message):
         simulate(system({"c": component}))
 
 
+@pytest.mark.parametrize(
+    ("start", "value", "expected"),
+    [
+        (0.0, 3, 3.0),
+        (0.0, np.float32(0.1), float(np.float32(0.1))),
+        (0.0, np.int16(-2), -2.0),
+        (0, np.uint8(7), 7),
+        (False, np.bool_(1), True),
+    ],
+)
+@pytest.mark.parametrize("kind", ["sampled", "continuous"])
+def test_numbers_that_lose_nothing_are_taken_as_what_was_described(start, value, expected, kind):
+    """An int or a numpy scalar becomes a Python number: at the start, and at every reading."""
+    component = Scripted(kind, 2.0, [Row("y", "output", start), Row("z", "output")])
+    component.get = lambda names: {"y": value, "z": 1.0}
+    heard = []
+
+    class Hearing(Trace):
+        def outputs(self, time_ns, component, values):
+            heard.append(values["y"])
+
+    simulate(system({"c": component}), [Hearing()])
+    assert len(heard) >= 2
+    assert {(type(one), one) for one in heard} == {(type(expected), expected)}
+
+
+def test_nothing_is_never_set():
+    """A component without inputs, or whose delayed inputs are not there yet, is not asked to."""
+    asked = []
+
+    def wary(component):
+        component.set = lambda values: asked.append(len(values))
+        return component
+
+    late = ["a.y -> b.u"]
+    simulate(system({"a": wary(clock()), "b": wary(gain())}))
+    simulate(system({"a": wary(clock()), "b": wary(gain())}, [(late[0], 0.5)]))
+    simulate(system({"a": wary(clock()), "b": wary(gain(kind="continuous"))}, [(late[0], 0.5)]))
+    assert set(asked) == {1}
+
+
+@pytest.mark.parametrize("call", ["set", "initialize", "get"])
+def test_a_failed_initialization_names_the_call(call):
+    """With the exception and its place; a ValueError in initialize is a refusal, as it is said."""
+    component = gain()
+
+    def fall(*_, **__):
+        raise KeyError("pose.east")
+
+    setattr(component, call, fall)
+    place = f"test_orchestrator_simulate.py:{fall.__code__.co_firstlineno + 1}"
+    with pytest.raises(ScenarioError) as caught:
+        simulate(system({"a": clock(), "hold": component}, ["a.y -> hold.u"]))
+    assert str(caught.value) == (
+        f"component 'hold': cannot be initialized, {call} failed, KeyError: 'pose.east' ({place})"
+    )
+
+
+def test_arguments_that_do_not_fit_are_placed_where_the_method_begins():
+    """Nothing of the component has run then."""
+    component = gain()
+
+    def initialize(start, stop):
+        pass
+
+    component.initialize = initialize
+    line = initialize.__code__.co_firstlineno
+    place = re.escape(f"(test_orchestrator_simulate.py:{line})") + "$"
+    with pytest.raises(ScenarioError, match=f"initialize failed, TypeError: .*{place}"):
+        simulate(system({"c": component}))
+
+
 def test_outputs_that_go_missing_are_an_error_of_the_component():
     """Later, another set of outputs than at the start is dealt with by the policies."""
     component = integrator()
     component.get = lambda names: {"y": 0.0} if component.values["u"] == 0.0 else {}
     trace = fly({"c": component}, events=[EventSpec(0.5, "c.u", 1.0)])
-    assert trace.result.reason.startswith("c at t = 0.500 s: failed, KeyError")
+    assert trace.result.reason.startswith("c at t = 0.500 s: get failed, KeyError: 'y'")
     assert trace.result.outcome == "component error"
     assert trace.result.counts == {"errors.c": 1}
 

@@ -63,3 +63,20 @@ def test_every_parameter_is_documented():
     names = {field.name for record in records for field in fields(record)}
     names |= set(json_schema()["properties"])
     assert not [name for name in sorted(names) if f"`{name}" not in text]
+
+
+def test_every_required_key_is_marked():
+    """The table of keys in scenarios/README.md marks the required ones, and no other."""
+    from orchestrator.scenario import document
+
+    text = (README.parent / "scenarios" / "README.md").read_text(encoding="utf-8")
+    marked = set(re.findall(r"^\| `([\w.]+)` \|.*\| \*required\* \|", text, flags=re.MULTILINE))
+    places = {"": "Document", "resources.NAME.": "Resource", "components.NAME.": "Component"}
+    required = {
+        start + name
+        for start, record in places.items()
+        for name, field in getattr(document, record).model_fields.items()
+        if field.is_required()
+    }
+    assert "components" in required  # told in words: at least one
+    assert marked == required - {"components"}

@@ -12,6 +12,7 @@ from orchestrator.assembly.couple import couple
 from orchestrator.assembly.make import Announce, announced, make, needed, problem, silent
 from orchestrator.assembly.plan import Plan
 from orchestrator.assembly.plans import make_plans
+from orchestrator.assembly.settable import bounds
 from orchestrator.assembly.system import System
 from orchestrator.errors import ComponentDied, ComponentTimeout, Problem, ScenarioError
 from orchestrator.isolation.remote import Remote
@@ -40,8 +41,8 @@ def build(scenario: Scenario, announce: Announce = silent) -> System:
     try:
         _make(scenario, plans, made, announce)
         components = {spec.name: made["components", spec.name] for spec in scenario.components}
-        system = couple(scenario, components)
-        check_scene(scenario, system.ports)
+        system = couple(scenario, components, bounds=bounds(plans))
+        check_scene(scenario, system.ports, system.links)
         if scenario.recording != RecordingSpec():
             from orchestrator.recording.choice import check_recording  # protobuf takes a while
 
@@ -67,6 +68,7 @@ def _make(
     ended where another cannot be made.
     """
     problems: list[Problem] = []
+    cause: ScenarioError | None = None
     remotes: dict[KeyPath, Remote] = {}
     isolated: dict[KeyPath, ComponentSpec] = {
         ("components", s.name): s for s in scenario.components if s.isolation == "process"
@@ -91,13 +93,15 @@ def _make(
         make([plan for plan in plans if plan.path in here], announce, made)
     except ScenarioError as error:
         problems += error.problems
+        cause = error
     for path, remote in remotes.items():
         try:
             with announced(str(path[1]), announce):
                 remote.made()
         except ScenarioError as error:
             problems += error.problems
+            cause = error
         except (ComponentDied, ComponentTimeout, ValueError) as error:
             problems.append(Problem(path, f"{dotted(path)}: {error}"))
     if problems:
-        raise ScenarioError(dict.fromkeys(problems))
+        raise ScenarioError(dict.fromkeys(problems)) from cause

@@ -19,7 +19,7 @@ def connect(ports: Ports, specs: Sequence[ConnectionSpec]) -> tuple[Link, ...]:
     """Return one link per variable, in the order of the scenario.
 
     ``a.group -> b.group`` joins the members by name; every input of the target's group must have a
-    source. Inputs that nothing is connected to keep their start value.
+    source. Inputs that nothing is connected to keep their start value: see ``forgotten.py``.
 
     Raises
     ------
@@ -40,9 +40,6 @@ def connect(ports: Ports, specs: Sequence[ConnectionSpec]) -> tuple[Link, ...]:
         raise ScenarioError(problems)
     for line in conversions(links.values()):
         logger.info(line)
-    for port in (port for own in ports.values() for port in own.values()):
-        if port.causality == "input" and port not in links:
-            logger.debug("%s: nothing is connected, keeps its start value %s", port, port.start)
     return tuple(links.values())
 
 
@@ -54,6 +51,15 @@ def conversions(links: Iterable[Link]) -> list[str]:
         for link in links
         if link.factor != 1.0 or link.offset != 0.0
     ]
+
+
+def fits(source: Port, target: Port) -> bool:
+    """Whether a connection of the two would be accepted."""
+    if (source.kind, source.shape) != (target.kind, target.shape):
+        return False
+    problems: list[str] = []
+    _compare(source, target, ConnectionSpec(str(source), str(target)), problems)
+    return not problems
 
 
 def find(ports: Ports, path: str) -> tuple[str, Mapping[str, Port]]:

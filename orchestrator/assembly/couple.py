@@ -2,24 +2,31 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from orchestrator.assembly.connections import Ports, connect, conversions, find
 from orchestrator.assembly.description import Port, ports
+from orchestrator.assembly.forgotten import forgotten
 from orchestrator.assembly.schedule import compile_schedule
 from orchestrator.assembly.system import System
 from orchestrator.component import INTERFACE, Component, Instance
 from orchestrator.errors import CouplingError, Problem, ScenarioError
-from orchestrator.run.events import changes
+from orchestrator.run.events import changes, too_late
 from orchestrator.scenario.records import ComponentSpec, Scenario
 
 Made = TypeVar("Made")
 
 
 def couple(
-    scenario: Scenario, components: Mapping[str, Component], *, max_steps: int = 10_000_000
+    scenario: Scenario,
+    components: Mapping[str, Component],
+    *,
+    bounds: Mapping[str, Any] | None = None,
+    max_steps: int = 10_000_000,
 ) -> System:
     """Return the system of a scenario's components, which are given by name and not initialized.
+
+    Events are held to the ``bounds`` of parameters too: see :mod:`orchestrator.assembly.settable`.
 
     Raises
     ------
@@ -39,30 +46,34 @@ def couple(
 
     instances = {s.name: Instance(s.name, components[s.name]) for s in scenario.components}
     described: dict[str, dict[str, Port]] = {}
+    cause: CouplingError | None = None
     for spec in scenario.components:
         try:
             described[spec.name] = ports(spec.name, instances[spec.name].description)
             _check(spec, instances[spec.name])
         except CouplingError as error:
             problems.append(Problem(("components", spec.name), str(error)))
+            cause = error
     if problems:
-        raise ScenarioError(problems)
-    executions = {name: instance.component.execution for name, instance in instances.items()}
+        raise ScenarioError(problems) from cause
+    executions = {name: instance.execution for name, instance in instances.items()}
     links = attempt(lambda: connect(described, scenario.connections))
     timed = scenario if links is not None else replace(scenario, connections=())
     schedule = attempt(
         lambda: compile_schedule(timed, executions, described, links or (), max_steps=max_steps)
     )
-    attempt(lambda: changes(scenario.events, described, links or (), schedule))
+    attempt(lambda: changes(scenario.events, described, links or (), schedule, bounds))
     attempt(lambda: _check_end(scenario, described))
     if problems or links is None or schedule is None:
         raise ScenarioError(problems)
-    return System(instances, described, schedule, links, scenario, conversions(links))
+    notes = (*forgotten(scenario, described, links), *too_late(scenario.events, schedule))
+    log = [*conversions(links), *notes]
+    return System(instances, described, schedule, links, scenario, log, notes)
 
 
 def _check(spec: ComponentSpec, instance: Instance) -> None:
     """Refuse an execution or a policy that the component cannot keep."""
-    execution = instance.component.execution
+    execution = instance.execution
     start = f"component {spec.name!r}: "
     if execution.interface != INTERFACE:
         raise CouplingError(

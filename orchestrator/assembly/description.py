@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from math import isnan
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from orchestrator.assembly.unit_names import read
 from orchestrator.assembly.units import Unit, units
 from orchestrator.component import Value
-from orchestrator.errors import CouplingError
+from orchestrator.errors import CouplingError, nearest
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription, ModelVariable
@@ -82,10 +84,15 @@ def ports(component: str, description: "ModelDescription") -> dict[str, Port]:
     """
     from fmpy.validation import validate_model_description
 
-    problems = [
-        problem.replace(" (line None)", "").rstrip(".")
-        for problem in validate_model_description(description)
-    ]
+    try:
+        problems = [
+            problem.replace(" (line None)", "").rstrip(".")
+            for problem in validate_model_description(description)
+        ]
+    except Exception as error:  # of a description that lacks even what FMPy takes for granted
+        what = f"it cannot be read, {type(error).__name__}: {error}"
+        raise CouplingError(_invalid(component, [what])) from error
+    problems += _misnamed(description)
     if problems:
         raise CouplingError(_invalid(component, problems))
     defined = units(description)
@@ -117,6 +124,27 @@ def ports(component: str, description: "ModelDescription") -> dict[str, Port]:
     return made
 
 
+def _misnamed(description: "ModelDescription") -> list[str]:
+    """Return what is wrong with the names in the list of outputs."""
+    known = [variable.name for variable in description.modelVariables]
+    seen: set[str] = set()
+    problems: list[str] = []
+    for unknown in description.outputs:
+        if unknown.variable is None:
+            continue
+        name = unknown.variable.name
+        if name in seen:
+            problems.append(f"output {name!r} is listed twice, expected once")
+        seen.add(name)
+        for dependency in unknown.dependencies or ():
+            if dependency.name not in known:
+                near = nearest(dependency.name, known)
+                problems.append(
+                    f"output {name!r} depends on {dependency.name!r}, no variable{near}"
+                )
+    return problems
+
+
 def members(ports: Mapping[str, Port], group: str) -> dict[str, Port]:
     """Return the ports ``group.member`` by member name, in their order; empty if no such group."""
     start = group + "."
@@ -144,6 +172,26 @@ def mismatch(port: Port, value: object) -> str | None:
     return None
 
 
+def plain(port: Port, value: object) -> object:
+    """Return a number or numpy scalar as a value of a scalar port, where nothing is lost by that.
+
+    An int or any numpy number for a float, numpy's integers and booleans for an integer and a
+    boolean. Everything else, a bool for a number among it, is returned as it is.
+    """
+    if port.shape or isinstance(value, PYTHON.get(port.kind, int)):
+        return value
+    if port.kind == "float" and isinstance(value, int | np.integer | np.floating):
+        try:
+            number = float(value)
+        except OverflowError:
+            return value
+        is_lost = number != value and not isnan(number)
+        return value if is_lost or isinstance(value, bool) else number
+    if port.kind in ("integer", "enumeration") and isinstance(value, np.integer):
+        return int(value)
+    return bool(value) if port.kind == "boolean" and isinstance(value, np.bool_) else value
+
+
 def _invalid(component: str, problems: Iterable[str]) -> str:
     return f"component {component!r}: model description is not valid: {'; '.join(problems)}"
 
@@ -169,7 +217,7 @@ def _port(
         variability=variable.variability,
         type=variable.type,
         shape=shape,
-        unit=None if unit is None else defined[unit],
+        unit=None if unit is None else defined.get(unit) or Unit(unit, *read(unit)),
         start=None if variable.start is None else _start(kind, variable.start, shape),
         min=_number(variable.min),
         max=_number(variable.max),

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from orchestrator.errors import nearest
+from orchestrator.failure import place
 
 GROUP = "hedgehop.components"
 FILES = {  # what stands for a file
@@ -39,14 +40,14 @@ def find_file(use: str, folders: Iterable[Path]) -> tuple[str, Path] | None:
     """
     kind = Path(use).suffix.lower().removeprefix(".")
     places = [folder / use for folder in folders]
-    for place in places:
-        if (place / "modelDescription.xml").is_file():
-            return "fmu", place
+    for file in places:
+        if (file / "modelDescription.xml").is_file():
+            return "fmu", file
     if kind not in FILES:
         return None
-    for place in places:
-        if place.exists():
-            return kind, place
+    for file in places:
+        if file.exists():
+            return kind, file
     known = [one.name for one in places[0].parent.glob("*")] if places else []
     raise ValueError(
         f"file not found, got {use!r}, expected a file beside the scenario"
@@ -79,7 +80,7 @@ def resolve(use: str, *folders: Path) -> Factory:
         if folder not in sys.path:
             sys.path.append(folder)
     module_name, _, attribute = use.partition(":")
-    found: Any = _imported(module_name)
+    found: Any = _imported(module_name, folders)
     for part in attribute.split("."):
         if not hasattr(found, part):
             near = nearest(part, [name for name in vars(found) if not name.startswith("_")])
@@ -92,16 +93,22 @@ def resolve(use: str, *folders: Path) -> Factory:
     return found
 
 
-def _imported(name: str) -> object:
-    """Import a module; whatever it raises becomes one line."""
+def _imported(name: str, folders: Iterable[Path]) -> object:
+    """Import a module; whatever it raises becomes one line. ``folders`` are told as looked in."""
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
         if error.name and (name == error.name or name.startswith(error.name + ".")):
-            raise ValueError(f"no module {error.name!r}{_nearest_module(error.name)}") from None
+            looked = " or ".join(dict.fromkeys(repr(str(one.absolute())) for one in folders))
+            raise ValueError(
+                f"no module {error.name!r}{_nearest_module(error.name)}"
+                f"{looked and f', not in {looked}'}, nor where Python looks: "
+                "a package of one's own is found with PYTHONPATH or 'pip install -e'"
+            ) from None
         raise ValueError(f"module {name!r} cannot be imported, {_line(error)}") from error
     except Exception as error:
-        raise ValueError(f"module {name!r} cannot be imported, {_line(error)}") from error
+        line = f"{_line(error)}{place(error)}"
+        raise ValueError(f"module {name!r} cannot be imported, {line}") from error
 
 
 def _nearest_module(name: str) -> str:

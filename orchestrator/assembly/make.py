@@ -7,6 +7,7 @@ from typing import Any
 
 from orchestrator.assembly.plan import Plan
 from orchestrator.errors import Problem, ScenarioError
+from orchestrator.failure import failure, place
 from orchestrator.scenario.marks import KeyPath, dotted
 
 PATIENCE = 1.0  # s, after which a construction is announced
@@ -25,23 +26,22 @@ def make(
     Raises
     ------
     ScenarioError
-        With every constructor's refusal, not yet located.
+        With all that constructors raise, not yet located; its cause is the first of it.
     """
     made = {} if made is None else made
     problems: list[Problem] = []
+    cause: Exception | None = None
     for plan in plans:
         if not all(path in made for path in plan.needs):
             continue  # that one has failed, and is reported
         try:
             with announced(str(plan.path[1]), announce):
                 made[plan.path] = plan.factory(**arguments(plan, made))
-        except (ValueError, KeyError, OSError, ImportError) as error:
+        except Exception as error:  # noqa: BLE001  (whatever a component or resource raises)
             problems.append(problem(plan, error))
-        except Exception as error:
-            error.add_note(f"while making {dotted(plan.path)}")
-            raise
+            cause = cause or error
     if problems:
-        raise ScenarioError(problems)
+        raise ScenarioError(problems) from cause
     return made
 
 
@@ -71,12 +71,18 @@ def announced(name: str, announce: Announce) -> Generator[None]:
 
 
 def problem(plan: Plan, error: Exception) -> Problem:
-    """Return what a constructor refused; at the parameter that its message begins with, if any."""
-    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    """Return what a constructor raised; at the parameter that its message begins with, if any.
+
+    It refuses by a ValueError, an OSError or an ImportError; everything else is a mistake in it.
+    """
+    if not isinstance(error, ValueError | OSError | ImportError):
+        what = failure(error, plan.factory, "constructor")
+        return Problem(plan.path, f"{dotted(plan.path)}: {what}")
+    text = str(error)
     if isinstance(error, OSError) and error.strerror:
         text = f"{error.strerror.lower()}, got {str(error.filename)!r}"
     name, _, what = text.partition(": ")
     if hasattr(plan.arguments.get("parameters"), name):
         path = (*plan.path, "parameters", name)
         return Problem(path, f"{dotted(path)}: {what}")
-    return Problem(plan.path, f"{dotted(plan.path)}: {text}")
+    return Problem(plan.path, f"{dotted(plan.path)}: {text}{place(error)}")

@@ -62,7 +62,11 @@ def constructor(factory: Factory) -> Constructor:
     has_parameters = named.pop("parameters", None) is not None
     record = None
     if has_parameters:
-        hints = get_type_hints(factory.__init__ if inspect.isclass(factory) else factory)
+        try:
+            hints = get_type_hints(factory.__init__ if inspect.isclass(factory) else factory)
+        except Exception as error:
+            what = f"{type(error).__name__}: {error}"
+            raise ValueError(f"constructor: annotations cannot be read, {what}") from error
         record = hints.get("parameters")
         if not (isinstance(record, type) and is_dataclass(record)):
             raise ValueError(

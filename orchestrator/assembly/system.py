@@ -71,8 +71,9 @@ class Schedule:
 class System:
     """What ``simulate`` runs; made by :func:`orchestrator.assembly.couple.couple`.
 
-    ``ports`` is every variable of every component, ``log`` what happened while coupling, ``plans``
-    what its parts were made from, in the order of making, ``resources`` what they share, by name.
+    ``ports`` is every variable of every component, ``log`` what happened while coupling, ``notes``
+    those lines of it that tell of what may not be meant, ``plans`` what its parts were made from,
+    in the order of making, ``resources`` what they share, by name.
     """
 
     instances: dict[str, Instance]
@@ -81,5 +82,6 @@ class System:
     links: tuple[Link, ...]
     scenario: Scenario
     log: list[str] = field(default_factory=list[str])
+    notes: tuple[str, ...] = ()
     plans: "tuple[Plan, ...]" = ()
     resources: Mapping[str, object] = field(default_factory=dict[str, object])

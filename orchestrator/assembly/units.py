@@ -1,12 +1,13 @@
 """Units as FMI defines them: eight SI exponents, a factor and an offset."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from orchestrator.assembly.unit_names import BASES, read
+
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription
-
-BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,20 @@ class Unit:
 
 
 def units(description: "ModelDescription") -> dict[str, Unit]:
-    """Return the units that a model description defines, by name."""
+    """Return the units that a model description defines, by name.
+
+    Where a component gives a name alone, it is read; what cannot be read is left out. A file's units
+    (an FMU's) are what the file makes them: one without a base unit is of no known dimension.
+    """
+    is_file = any(variable.sourceline is not None for variable in description.modelVariables)
     defined: dict[str, Unit] = {}
     for unit in description.unitDefinitions:
         name, base = str(unit.name), unit.baseUnit
-        if base is None:
+        if base is None and is_file:
             defined[name] = Unit(name, None)
+        elif base is None:
+            with suppress(ValueError):
+                defined[name] = Unit(name, *read(name))
         else:
             dimension = tuple(int(getattr(base, symbol) or 0) for symbol in BASES)
             defined[name] = Unit(name, dimension, float(base.factor), float(base.offset))

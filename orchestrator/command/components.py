@@ -8,6 +8,7 @@ from orchestrator.command.arguments import Flag, Out, Overrides, user_errors
 
 def list_() -> None:
     """List the installed components."""
+    import re
     from inspect import getdoc
 
     from orchestrator.assembly.discovery import installed_components, resolve
@@ -17,7 +18,10 @@ def list_() -> None:
     rows: list[tuple[str, str, str]] = []
     for name, point in installed_components().items():
         try:
-            meaning = (getdoc(resolve(point.value)) or "").partition("\n")[0]
+            first = (getdoc(resolve(point.value)) or "").partition("\n")[0]
+            meaning = re.sub(
+                r"(?::\w+)*:?`+~?(.+?)`+", r"\1", first
+            )  # roles are for readers of code
         except ValueError as error:
             meaning = f"broken: {error}"
         rows.append((name, point.value, meaning))
@@ -25,7 +29,7 @@ def list_() -> None:
 
 
 def inspect(use: str, /, *, scenario: Path | None = None) -> None:
-    """Show a component's variables and parameters.
+    """Show a component's variables and parameters, or all components of a recording.
 
     Parameters
     ----------
@@ -35,24 +39,56 @@ def inspect(use: str, /, *, scenario: Path | None = None) -> None:
         A scenario that holds one, where its defaults are not enough to make one.
     """
     from orchestrator.assembly.description import ports
+    from orchestrator.assembly.discovery import find_file
     from orchestrator.assembly.examples import example, find
     from orchestrator.assembly.parameters import adapter, constructor
-    from orchestrator.command.tables import parameters_table, variables_table
+    from orchestrator.command.tables import parameters_table
     from orchestrator.command.terminal import print_table
+    from orchestrator.command.variables import feed_through, resources, variables_table
+    from orchestrator.component import Instance
+    from orchestrator.failure import failure
 
     with user_errors():
+        file = find_file(use, (Path(),))
+        if file is not None and file[0] == "mcap":
+            _inspect_recording(file[1])
+            return
         factory = find(use)
-        record = constructor(factory).record
+        takes = constructor(factory)
+        record = takes.record
         is_fmu = record is not None and "event_mode" in record.__dataclass_fields__
         if record is not None:
             what = "options, under 'fmu' in a scenario" if is_fmu else "parameters"
             print_table(f"{use}: {what}", parameters_table(adapter(record).json_schema()))
+        if said := resources(takes.injected):
+            print(f"takes {said}")
         if isinstance(factory, type) and not hasattr(factory, "describe"):
             return  # a resource
         _, arguments, where = example(use, scenario)
-        described = ports(use, factory(**arguments).describe())
+        try:
+            instance = Instance(use, factory(**arguments))
+        except Exception as error:
+            raise ValueError(f"{use}: {failure(error, factory, 'constructor')}") from error
+        described, execution = ports(use, instance.description), instance.execution
+    runs = f"{execution.kind}, {execution.rate_hz:g} Hz unless told otherwise"
     table = variables_table(described.values(), has_fixed=is_fmu)
-    print_table(f"\n{use}: variables, made with {where}", table)
+    print_table(f"\n{use}: {runs}; variables, made with {where}", table)
+    if passed := feed_through(described.values()):
+        print(f"at the same instant: {passed}")
+
+
+def _inspect_recording(file: Path) -> None:
+    from orchestrator.command.terminal import print_table
+    from orchestrator.command.variables import recorded_table
+    from orchestrator.recording.inventory import recorded
+    from orchestrator.recording.reader import Recording
+
+    recording = Recording.open(file)
+    print(f"{file}: {recording.scenario['title']}")
+    for name, plain in recording.components.items():
+        one = recorded(name, plain)
+        title = f"\n{name}: {one.kind}, {one.rate_hz:g} Hz"
+        print_table(title, recorded_table(one.ports.values(), recording))
 
 
 def check(use: str, /, *, scenario: Path | None = None, timeout_s: float = 60.0) -> int:

@@ -53,7 +53,7 @@ def run(
     from orchestrator.command.terminal import progress_bar, signals
     from orchestrator.flight import check_writable, fly_system
 
-    file = (out or Path(f"{scenario.stem}.mcap")) if record else None
+    file = (out or Path(f"{scenario.absolute().stem}.mcap")) if record else None
     if file is not None:
         check_writable(file)
     if not live and (speed, port) != (None, None):
@@ -201,4 +201,7 @@ def built(scenario: Path, overrides: list[str] | None) -> "System":
     uses = (spec.use for spec in (*loaded.resources, *loaded.components))
     if any(Path(use).suffix[1:] not in FILES for use in uses) and not any(cache.glob("*/**/*.nbi")):
         print("compiling flight kernels (first time only) ...", file=sys.stderr)
-    return build(loaded, announce)
+    system = build(loaded, announce)
+    for line in system.notes:
+        print(f"note: {line}", file=sys.stderr)
+    return system

@@ -22,10 +22,10 @@ def info(recording: Path, /, *, json: Flag = False) -> None:
     """
     from orchestrator.command.tables import recording_table
     from orchestrator.command.terminal import print_table
-    from orchestrator.recording import diff as differences
+    from orchestrator.recording.diff import info as sum_up
 
     with user_errors():
-        found = differences.info(recording)
+        found = sum_up(recording)
     if json:
         from json import dumps
 
@@ -44,13 +44,15 @@ def diff(a: Path, b: Path, /) -> int:
     a, b
         MCAP files.
     """
-    from orchestrator.recording import diff as differences
+    from orchestrator.recording.comparison import comparison
+    from orchestrator.recording.diff import differences
+    from orchestrator.recording.reader import Recording
 
     with user_errors():
-        found = differences.diff(a, b)
-    for difference in found:
-        print(difference)
-    print(f"{len(found)} signals or events differ" if found else "no difference")
+        one, two = Recording.open(a), Recording.open(b)
+        found = differences(one, two)
+    for line in comparison(one, two, found):
+        print(line)
     return int(bool(found))
 
 
@@ -81,7 +83,7 @@ def metrics(recording: Path, /, *, json: Flag = False) -> None:
         from orchestrator.command.tables import flight_table
         from orchestrator.command.terminal import print_table
 
-        print_table(recording.stem, flight_table(figures, recording))
+        print_table(recorded.scenario["title"], flight_table(figures, recording))
 
 
 def report(
@@ -129,8 +131,9 @@ def layout(
 
     with user_errors():
         file = out or Path(f"{recording.stem}.layout.json")
+        text = layout_json(recorded(Recording.open(recording)))
         with whole(file, recording) as partial:
-            partial.write_bytes(layout_json(recorded(Recording.open(recording))))
+            partial.write_bytes(text)
     print(f"{file}: written")
 
 

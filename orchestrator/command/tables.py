@@ -4,12 +4,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from orchestrator.assembly.description import Port
-from orchestrator.component import Value
 from orchestrator.figures.metrics import mb_per_min
 from orchestrator.scenario.wording import expected, keys, show, unit_of
 
@@ -66,34 +63,6 @@ def fault(name: str) -> str:
     """
     kind, _, component = name.partition(".")
     return f"{kind.replace('_', ' ')}: {component}"
-
-
-def variables_table(ports: Iterable[Port], *, has_fixed: bool = False) -> Table:
-    """Return a component's variables; with its fixed parameters too, if asked for."""
-    table = _table()
-    for heading in ("name", "causality", "type", "shape", "unit", "start", "meaning"):
-        table.add_column(heading, overflow="fold")
-    for port in ports:
-        is_fixed = has_fixed and port.causality == "parameter"
-        if port.causality in ("input", "output") or port.variability == "tunable" or is_fixed:
-            shape = " x ".join(map(str, port.shape))
-            items = ", ".join(port.items.values())
-            table.add_row(
-                port.name,
-                port.causality,
-                port.type,
-                shape,
-                port.unit.name if port.unit else "",
-                _start(port.start),
-                port.description + (f": {items}" if items else ""),
-            )
-    return table
-
-
-def _start(value: Value | None) -> str:
-    if isinstance(value, np.ndarray):
-        return f"{value.flat[0]} ..." if value.size else ""
-    return "" if value is None else f"{value}"
 
 
 def parameters_table(schema: Mapping[str, Any]) -> Table:

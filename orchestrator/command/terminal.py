@@ -12,7 +12,7 @@ from rich.table import Table
 
 def print_table(title: str, table: Table) -> None:
     """Print to stdout, as wide as the terminal; wide enough for whole lines elsewhere."""
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
     console.print(title, style="bold", markup=False)
     console.print(table)
 

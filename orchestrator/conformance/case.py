@@ -1,15 +1,18 @@
 """A component under test: made again and again, here or in other processes, and run."""
 
 import pickle
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pkgutil import resolve_name
+from traceback import walk_tb
 from typing import Any, TypeVar
 
 from orchestrator.assembly.clock import SECOND, period_ns
 from orchestrator.assembly.description import Port, ports
-from orchestrator.component import Component, Instance, Status, Value
+from orchestrator.component import Component, Execution, Instance, Status, Value
+from orchestrator.errors import CouplingError
+from orchestrator.failure import failure
 from orchestrator.isolation.process import Process
 
 SEED = 20050603
@@ -21,7 +24,18 @@ class NotApplicable(Exception):  # noqa: N818  (a verdict)
 
 
 class Broken(Exception):  # noqa: N818  (a verdict)
-    """The clause is not kept."""
+    """The clause is not kept.
+
+    Attributes
+    ----------
+    stage : str
+        What could not be done, where that keeps other clauses from being tried too:
+        ``construction``, ``description``, ``execution``, ``initialization``, ``step`` or ``get``.
+    """
+
+    def __init__(self, what: str, stage: str = "") -> None:
+        super().__init__(what)
+        self.stage = stage
 
 
 @dataclass(frozen=True)
@@ -38,9 +52,34 @@ class Case:
     def new(self) -> Instance:
         """Return a new instance."""
         factory = resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
-        instance = Instance("component", factory(**self.arguments))
+        try:
+            instance = Instance("component", factory(**self.arguments))
+        except Exception as error:
+            what = failure(error, factory, "constructor")
+            raise Broken(what, "construction") from error
         self.made.append(instance)
         return instance
+
+    def ports(self, instance: Instance) -> dict[str, Port]:
+        """Return an instance's ports."""
+        try:
+            return ports(instance.name, instance.description)
+        except CouplingError as error:
+            raise Broken(_plain(instance, error), "description") from error
+
+    def execution(self, instance: Instance) -> Execution:
+        """Return when an instance runs."""
+        try:
+            return instance.execution
+        except CouplingError as error:
+            raise Broken(_plain(instance, error), "execution") from error
+
+    def read(self, instance: Instance, names: Sequence[str]) -> dict[str, Value]:
+        """Return an instance's outputs."""
+        try:
+            return dict(instance.get(names))
+        except Exception as error:
+            raise Broken(failure(error, instance.component, "get"), "get") from error
 
     def started(self) -> tuple[Instance, dict[str, Port]]:
         """Return a new instance with its inputs set, initialized, and its ports."""
@@ -49,9 +88,16 @@ class Case:
 
     def start(self, instance: Instance) -> dict[str, Port]:
         """Set an instance's inputs, initialize it, and return its ports."""
-        own = ports(instance.name, instance.description)
-        instance.set(self.inputs(own))
-        instance.initialize(start_time=0.0, stop_time=None, seed=SEED)
+        own = self.ports(instance)
+        inputs, call = self.inputs(own), "set"
+        try:
+            if inputs:
+                instance.set(inputs)
+            call = "initialize"
+            instance.initialize(start_time=0.0, stop_time=None, seed=SEED)
+        except Exception as error:
+            what = failure(error, instance.component, call)
+            raise Broken(what, "initialization") from error
         return own
 
     def unmake(self) -> None:
@@ -95,21 +141,37 @@ class Case:
 
     def size(self, instance: Instance) -> float:
         """Return the step size, s."""
-        return self.step_s or period_ns(instance.component.execution.rate_hz) / SECOND
+        return self.step_s or period_ns(self.execution(instance).rate_hz) / SECOND
 
     def run(
         self, instance: Instance, first: int, count: int, *, reads: int = 1
     ) -> list[dict[str, Value]]:
         """Take ``count`` steps from step ``first`` on and return the outputs after each."""
         size = self.size(instance)
-        names = outputs(ports(instance.name, instance.description))
+        names = outputs(self.ports(instance))
         rows: list[dict[str, Value]] = []
         for k in range(first, first + count):
-            status = instance.step(k * size, size)
+            try:
+                status = instance.step(k * size, size)
+            except CouplingError as error:
+                raise Broken(_plain(instance, error), "step") from error
+            except Exception as error:
+                raise Broken(failure(error, instance.component, "step"), "step") from error
             if status not in (Status.OK, Status.WARNING, Status.DISCARD):
-                raise Broken(f"step at t = {k * size:g} s answered {status!r}")
-            rows.append([instance.get(names) for _ in range(reads)][-1])
+                raise Broken(f"step at t = {k * size:g} s answered {status!r}", "step")
+            rows.append([self.read(instance, names) for _ in range(reads)][-1])
         return rows
+
+
+def _plain(instance: Instance, error: CouplingError) -> str:
+    return str(error).removeprefix(f"component {instance.name!r}: ")
+
+
+def called(error: BaseException) -> tuple[object, str]:
+    """Return the component that raised, and in which call of its ``Instance``, if it was one."""
+    frames = [(f.f_locals.get("self"), f.f_code.co_name) for f, _ in walk_tb(error.__traceback__)]
+    calls = [(one.component, name) for one, name in frames if isinstance(one, Instance)]
+    return calls[-1] if calls else (None, "")
 
 
 def is_only(instance: Instance) -> bool:

@@ -8,18 +8,19 @@ One clause starts another process; all can be checked in one, for a component th
 be instantiated only once per process has a new one for each clause, and for each other instance.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from orchestrator.component import Component, Value
 from orchestrator.conformance import clauses
-from orchestrator.conformance.case import Broken, Case, NotApplicable, is_only
-from orchestrator.errors import ComponentDied, ComponentTimeout
+from orchestrator.conformance.case import Broken, Case, NotApplicable, called, is_only
+from orchestrator.errors import ComponentDied, ComponentTimeout, CouplingError
+from orchestrator.failure import failure
 from orchestrator.isolation.process import Process
 
-Verdict = Literal["passed", "failed", "not applicable"]
+Verdict = Literal["passed", "failed", "not applicable", "not tried"]
 
 # name: (promise, test); the test returns a detail worth telling, or raises
 CONTRACT: dict[str, tuple[str, Callable[[Case], str | None]]] = {
@@ -44,6 +45,10 @@ CONTRACT: dict[str, tuple[str, Callable[[Case], str | None]]] = {
         "setting takes copies: what the caller changes later has no effect",
         clauses.set_copies,
     ),
+    "subsets": (
+        "inputs and tunable parameters can be set one by one: what is not there stays",
+        clauses.set_subsets,
+    ),
     "names": (
         "an unknown name in set or get is a KeyError that says a near one",
         clauses.unknown_names,
@@ -67,14 +72,21 @@ CONTRACT: dict[str, tuple[str, Callable[[Case], str | None]]] = {
 }
 
 
+HOME = {"execution": "execution", "step": "status"}  # of a stage, the clause that is about it
+
+
 @dataclass(frozen=True)
 class Clause:
-    """One promise of the contract and what became of it."""
+    """One promise of the contract and what became of it.
+
+    ``stage`` is what failed before the clause itself could: see ``case.Broken``.
+    """
 
     name: str
     promise: str
     verdict: Verdict
     detail: str = ""
+    stage: str = ""
 
     def __str__(self) -> str:
         return f"{self.verdict:>14}  {self.promise}" + (f" ({self.detail})" if self.detail else "")
@@ -108,13 +120,13 @@ def check_component(
 
     Raises
     ------
-    OSError, ValueError
+    ValueError
         If the factory raises: there is nothing to check then.
     """
     case = Case(factory, arguments or {}, step_s, steps, inputs)
     if timeout_s is None:
         _make(case)
-        return [_checked(name, case) for name in CONTRACT]
+        return _told_once([_checked(name, case) for name in CONTRACT])
     process = Process()
     checked: list[Clause] = []
     try:
@@ -134,7 +146,28 @@ def check_component(
                 checked.append(Clause(name, promise, "failed", str(error)))
     finally:
         process.close()
-    return checked
+    return _told_once(checked)
+
+
+def _told_once(checked: Sequence[Clause]) -> list[Clause]:
+    """Return clauses of which one alone tells a cause that keeps others from being tried.
+
+    That is the clause which is about it, else the first.
+    """
+    tells: dict[str, str] = {}
+    for clause in checked:
+        if clause.stage and HOME.get(clause.stage) == clause.name:
+            tells[clause.stage] = clause.name
+        elif clause.stage:
+            tells.setdefault(clause.stage, clause.name)
+    told: list[Clause] = []
+    for clause in checked:
+        if clause.stage and tells[clause.stage] != clause.name:
+            detail = f"{clause.stage} failed, see {tells[clause.stage]!r}"
+            told.append(replace(clause, verdict="not tried", detail=detail))
+        else:
+            told.append(clause)
+    return told
 
 
 def _make(case: Case) -> bool:
@@ -143,10 +176,8 @@ def _make(case: Case) -> bool:
         instance = case.new()
         with suppress(Exception):  # a clause of its own
             return is_only(instance)
-    except (OSError, ValueError):
-        raise
-    except Exception as error:
-        raise ValueError(f"cannot be made, {type(error).__name__}: {error}") from error
+    except Broken as error:
+        raise ValueError(f"cannot be made, {error}") from error
     finally:
         case.unmake()
     return False
@@ -155,13 +186,16 @@ def _make(case: Case) -> bool:
 def _checked(name: str, case: Case) -> Clause:
     """Test one clause, and terminate what it has made."""
     promise, test = CONTRACT[name]
+    stage = ""
     try:
         verdict, detail = "passed", test(case) or ""
     except NotApplicable as error:
         verdict, detail = "not applicable", str(error)
     except Broken as error:
+        verdict, detail, stage = "failed", str(error), error.stage
+    except CouplingError as error:
         verdict, detail = "failed", str(error)
     except Exception as error:  # noqa: BLE001  (whatever a component raises is its failure)
-        verdict, detail = "failed", f"{type(error).__name__}: {error}"
+        verdict, detail = "failed", failure(error, *called(error))
     case.unmake()
-    return Clause(name, promise, verdict, detail)
+    return Clause(name, promise, verdict, detail, stage)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from orchestrator.assembly.clock import period_ns
-from orchestrator.assembly.description import mismatch, ports
-from orchestrator.component import INTERFACE, Status
+from orchestrator.assembly.description import Port, mismatch, plain
+from orchestrator.component import INTERFACE, Status, Value
 from orchestrator.conformance.case import Broken, Case, NotApplicable, outputs
 from orchestrator.errors import CouplingError
+from orchestrator.failure import failure
 from orchestrator.run.finite import nonfinite
 
 if TYPE_CHECKING:
@@ -22,17 +23,19 @@ def description(case: Case) -> str | None:
     from fmpy.validation import validate_model_description
 
     instance = case.new()
+    own = case.ports(instance)
     problems = validate_model_description(
         instance.description, validate_variable_names=True, validate_model_structure=True
     )
     _refuse("; ".join(problems))
-    return f"{len(ports(instance.name, instance.description))} variables"
+    return f"{len(own)} variables"
 
 
 def construction(case: Case) -> None:
     """Make two, and watch the global random generators."""
     shared = (random.getstate(), _bits(np.random.get_state()))  # noqa: NPY002
     first = case.new()
+    case.ports(first)
     texts = [_text(first.description), case.beside(first, _described)]
     texts.append(_text(first.component.describe()))
     _refuse("two descriptions differ" if len(set(texts)) > 1 else "")
@@ -46,7 +49,7 @@ def _described(case: Case) -> str:
 
 def execution(case: Case) -> str:
     """Read the record."""
-    execution = case.new().component.execution
+    execution = case.execution(case.new())
     _refuse("" if execution.kind in ("continuous", "sampled") else f"kind {execution.kind!r}")
     _refuse("" if execution.interface == INTERFACE else f"interface {execution.interface!r}")
     period_ns(execution.rate_hz)
@@ -57,9 +60,10 @@ def outputs_as_described(case: Case) -> None:
     """Compare every output of a run with its port."""
     instance, own = case.started()
     names = outputs(own)
-    for values in [instance.get(names), *case.run(instance, 0, case.steps)]:
+    for values in [case.read(instance, names), *case.run(instance, 0, case.steps)]:
         for name in names:
-            fault = mismatch(own[name], values[name]) if name in values else "is missing"
+            port = own[name]
+            fault = mismatch(port, plain(port, values[name])) if name in values else "is missing"
             _refuse(f"output {name!r}: {fault}" if fault else "")
         _refuse(nonfinite(own, values) or "")
 
@@ -68,7 +72,7 @@ def get_copies(case: Case) -> None:
     """Overwrite what get returned and read again; compare with one that is read less often."""
     instance, own = case.started()
     names = outputs(own)
-    first = instance.get(names)
+    first = case.read(instance, names)
     before = _bits(first)
     for value in first.values():
         if isinstance(value, np.ndarray) and value.flags.writeable:
@@ -105,6 +109,39 @@ def _set_again(case: Case) -> bytes:
     kept, own = case.started()
     kept.set(case.inputs(own))
     return _bits(case.run(kept, 0, 1))
+
+
+def set_subsets(case: Case) -> None:
+    """Set everything one by one, and compare with an instance for which it is set at once."""
+    singly, own = case.started()
+    values = _settable(case, own)
+    if not values:
+        raise NotApplicable("nothing can be set")
+    for name, value in values.items():
+        try:
+            singly.set({name: value})
+        except Exception as error:
+            what = failure(error, singly.component, "set")
+            raise Broken(f"of {name!r} alone: {what}") from error
+    at_once = case.beside(singly, _set_at_once)
+    same = _bits(case.run(singly, 0, 1)) == at_once
+    _refuse("" if same else "setting one by one gives other outputs than setting all at once")
+
+
+def _set_at_once(case: Case) -> bytes:
+    instance, own = case.started()
+    instance.set(_settable(case, own))
+    return _bits(case.run(instance, 0, 1))
+
+
+def _settable(case: Case, own: Mapping[str, Port]) -> dict[str, Value]:
+    """Return values of the inputs and tunable parameters."""
+    tunable = {
+        name: port.start
+        for name, port in own.items()
+        if port.causality == "parameter" and port.variability == "tunable"
+    }
+    return case.inputs(own) | {n: value for n, value in tunable.items() if value is not None}
 
 
 def unknown_names(case: Case) -> None:

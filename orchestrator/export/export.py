@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from orchestrator.assembly.discovery import Factory
 from orchestrator.assembly.examples import find
-from orchestrator.assembly.make import arguments, make, needed
+from orchestrator.assembly.make import make, needed
 from orchestrator.assembly.parameters import TOLD, constructor
 from orchestrator.assembly.plans import Plan, make_plans
+from orchestrator.component import Instance
 from orchestrator.errors import ScenarioError
 from orchestrator.export.package import BackEnd, c_file, package
 from orchestrator.export.recipe import component_json
@@ -127,18 +128,19 @@ def export(
 
     Raises
     ------
+    ScenarioError
+        If the component cannot be made.
     ValueError
-        If the component cannot be made, described, compiled or packed.
+        If it cannot be described, compiled or packed.
     """
     from fmpy.validation import validate_model_description
 
-    made = make([*chosen.resources])
-    component: Any = chosen.plan.factory(**arguments(chosen.plan, made))
+    component = make([*chosen.resources, chosen.plan])[chosen.plan.path]
     tool = f"hedgehop {version('hedgehop')}"
     if language == "c":
         _export_c(component, out, fmi, tool)
         return
-    description: ModelDescription = component.describe()
+    description = Instance(str(chosen.plan.path[1]), component).description
     problems = validate_model_description(description, validate_variable_names=True)
     if problems:
         raise ValueError(f"{chosen.origin}: description is not valid: {'; '.join(problems)}")

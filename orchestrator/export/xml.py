@@ -7,6 +7,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from orchestrator.assembly.units import BASES, units
 from orchestrator.component import Execution
 from orchestrator.export.rows import FMI2, Row
 
@@ -20,7 +21,6 @@ CATEGORIES = {
     "logStatusError": "why a call failed",
     "logStatusFatal": "why the instance is lost",
 }
-_BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
 @dataclass(frozen=True)
@@ -110,15 +110,14 @@ def _units(root: Element, description: "ModelDescription") -> None:
     if not description.unitDefinitions:
         return
     section = SubElement(root, "UnitDefinitions")
+    defined = units(description)
     for unit in description.unitDefinitions:
         element = SubElement(section, "Unit", name=str(unit.name))
-        if unit.baseUnit is not None:
-            exponents = {name: int(getattr(unit.baseUnit, name) or 0) for name in _BASE}
-            base = {name: str(n) for name, n in exponents.items() if n}
-            if float(unit.baseUnit.factor or 1.0) != 1.0:
-                base["factor"] = _text(float(unit.baseUnit.factor))
-            if float(unit.baseUnit.offset or 0.0):
-                base["offset"] = _text(float(unit.baseUnit.offset))
+        one = defined.get(str(unit.name))
+        if one is not None and one.dimension is not None:
+            base = {name: str(n) for name, n in zip(BASES, one.dimension, strict=True) if n}
+            base |= {} if one.factor == 1.0 else {"factor": _text(one.factor)}
+            base |= {"offset": _text(one.offset)} if one.offset else {}
             SubElement(element, "BaseUnit", base)
         for display in unit.displayUnits:
             factor, offset = float(display.factor or 1.0), float(display.offset or 0.0)

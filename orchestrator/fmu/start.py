@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from orchestrator.assembly.description import Port, ports
+from orchestrator.assembly.settable import parsed
 from orchestrator.assembly.units import Unit, conversion, units
 from orchestrator.component import Value
 from orchestrator.errors import nearest
 from orchestrator.fmu.variables import Variable
-from orchestrator.run.events import parsed
 
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription

@@ -18,6 +18,7 @@ from typing import Any
 
 from orchestrator.component import Value
 from orchestrator.errors import ComponentDied, ComponentTimeout
+from orchestrator.failure import Origin
 from orchestrator.isolation.channel import Channel, packed
 
 _BOOT = (
@@ -113,8 +114,8 @@ class Process:
                 continue
             self.is_busy = False
             if kind == "error":
-                error, text = content
-                raise error from _Origin(text)
+                error, origin = content
+                raise error from Origin(*origin)
             return content
 
     def _lost(self, error: Exception) -> Exception:
@@ -137,13 +138,6 @@ def _fate(code: int | None) -> str:
         return f"exit code {code}"
     names = {number.value: number.name for number in signal.Signals}
     return f"killed by {names.get(-code, f'signal {-code}')}"
-
-
-class _Origin(Exception):  # noqa: N818
-    """Where an exception was raised over there; its cause over here."""
-
-    def __str__(self) -> str:
-        return f"\n{self.args[0]}"
 
 
 def _finish(popen: "subprocess.Popen[bytes]", connection: socket.socket, folder: str) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from orchestrator.assembly.description import KINDS
 from orchestrator.assembly.plan import Plan
 from orchestrator.component import Execution, Status, Value
+from orchestrator.failure import Origin
 from orchestrator.isolation.process import Process
 from orchestrator.isolation.unchanged import frozen, is_new
 from orchestrator.scenario.marks import KeyPath
@@ -217,8 +218,10 @@ class Remote:
         """Take over the outputs of an answer, and the state if it is there."""
         found, state = results
         self._is_stale = False
-        if isinstance(found, Exception):
-            self._failure = found
+        if isinstance(found, tuple):
+            error, origin = found
+            error.__cause__ = Origin(*origin)
+            self._failure = error
             return
         self._failure = None
         values = dict(zip(self._outputs, found, strict=True))

@@ -1,7 +1,8 @@
 """The other process: makes a component from its plans, then does with it as it is told.
 
 A request is ``(inputs, verb, arguments)``; inputs are set first. The answer is ``("answer", what)``
-or ``("error", (exception, traceback))``, preceded by any number of ``("log", (name, level, text))``.
+or ``("error", (exception, (traceback, call, place)))``, preceded by any number of
+``("log", (name, level, text))``.
 """
 
 import logging
@@ -22,13 +23,25 @@ from numpy.typing import NDArray
 
 from orchestrator.assembly.make import make
 from orchestrator.assembly.plan import Plan
-from orchestrator.component import Component, Restorable, Status, Value
+from orchestrator.component import Component, Instance, Restorable, Status, Value
+from orchestrator.errors import CouplingError, Problem, ScenarioError
+from orchestrator.failure import place
 from orchestrator.isolation.channel import Channel, packed
 from orchestrator.isolation.unchanged import is_new
 from orchestrator.run.policies import checkpoints
 from orchestrator.scenario.marks import KeyPath
 
-Results = tuple[Sequence[Value | None] | Exception, bytes | None]  # outputs, state
+CALLS = (
+    "initialize",
+    "set",
+    "get",
+    "step",
+    "get_state",
+    "set_state",
+    "terminate",
+)  # of a component
+Carried = tuple[Exception, tuple[str, str, str]]  # an exception; what makes its ``Origin``
+Results = tuple[Sequence[Value | None] | Carried, bytes | None]  # outputs, state
 
 
 def main(number: int) -> None:
@@ -50,12 +63,14 @@ def main(number: int) -> None:
         except (EOFError, OSError):
             leaving.join()  # which ends this process
             return
+        call = "set"
         try:
             if inputs:
                 host.component.set(inputs)
+            call = verb
             answer = packed(("answer", getattr(host, verb)(*arguments)))
         except Exception as error:  # noqa: BLE001  (whatever a component raises)
-            answer = packed(("error", _carried(error)))
+            answer = packed(("error", _carried(error, host.component, call)))
         with lock:
             channel.write(answer)
 
@@ -79,7 +94,11 @@ class Host:
             raise ValueError(f"isolation: not found in another process, {error}") from error
         self.component = make(needed)[path]
         self._keeps_state = keeps_state
-        return self.component.execution, self.component.describe()
+        instance = Instance(str(path[1]), self.component)
+        try:
+            return instance.execution, instance.description
+        except CouplingError as error:
+            raise ScenarioError([Problem(path, str(error))]) from error
 
     def initialize(
         self,
@@ -109,7 +128,7 @@ class Host:
             values = self.component.get(self._names)
             found = [values[name] for name in self._names]
         except Exception as error:  # noqa: BLE001
-            return _carried(error)[0], None
+            return _carried(error, self.component, "get"), None
         for i, name in self._arrays:
             value = found[i]
             if isinstance(value, np.ndarray) and not is_new(self._sent, name, value):
@@ -170,14 +189,16 @@ class _Sender(logging.Handler):
             self._channel.write(data)
 
 
-def _carried(error: Exception) -> tuple[Exception, str]:
+def _carried(error: Exception, component: object, verb: str) -> Carried:
     """Return an exception that can be pickled, and how it came about."""
+    call = verb if verb in CALLS else ""
     text = "".join(traceback.format_exception(error))
+    origin = text, call, place(error, getattr(component, call, None) if call else None)
     try:
         pickle.loads(pickle.dumps(error))  # noqa: S301
     except Exception:  # noqa: BLE001  (of the exception's own making)
         error = RuntimeError(f"{type(error).__name__}: {error}")
-    return error, text
+    return error, origin
 
 
 def _leave_with_parent(connection: socket.socket) -> None:

@@ -16,9 +16,9 @@ from foxglove.websocket import (
     ServerListener,
 )
 
+from orchestrator.assembly.settable import accepted, bounds, tunables
 from orchestrator.assembly.system import System
 from orchestrator.component import Value
-from orchestrator.live.tunables import accepted, bounds, tunables
 from orchestrator.recording.provenance import EPOCH_NS
 from orchestrator.run.events import Change
 
@@ -42,8 +42,8 @@ class Desk(ServerListener):
     """
 
     def __init__(self, system: System, speed: float) -> None:
-        self._ports = tunables(system)
-        self._bounds = bounds(system)
+        self._ports = tunables(system.ports)
+        self._bounds = bounds(system.plans)
         self.time_ns = 0
         self.values: dict[str, Any] = {PAUSED: False, SPEED: min(speed, FASTEST)}
         self.wishes: SimpleQueue[Wish] = SimpleQueue()

@@ -58,6 +58,7 @@ def describe(name: str, description: str, ports: Iterable[Port]) -> "ModelDescri
             max=None if port.max is None else repr(port.max),
             declaredType=types.get(port.name),
             dimensions=[fmi.Dimension(start=str(n), valueReference=None) for n in port.shape],
+            sourceline=0,  # from a file: its units are what it says
         )
         for reference, port in enumerate(kept, start=1)
     }

@@ -49,7 +49,11 @@ def diff(a: Path, b: Path) -> list[Difference]:
     OSError, ValueError
         If one of them cannot be read.
     """
-    one, two = Recording.open(a), Recording.open(b)
+    return differences(Recording.open(a), Recording.open(b))
+
+
+def differences(one: Recording, two: Recording) -> list[Difference]:
+    """Return where two open recordings differ: see :func:`diff`."""
     same = {name for name in one.topics if _is_same(one.topics[name], two.topics.get(name))}
     found = [
         difference
@@ -167,13 +171,14 @@ def _text(value: object) -> str:
 
 
 def _events(one: Recording, two: Recording) -> Iterator[Difference]:
-    """Yield the first event that differs; a missed deadline is measured and no such event."""
-    events = ([e for e in each.events if e.kind != "overrun"] for each in (one, two))
+    """Yield the first event that differs; missed deadlines are measured, the end told apart."""
+    events = ([e for e in each.events if e.kind not in ("overrun", "end")] for each in (one, two))
     for a, b in zip_longest(*events):
         if a != b:
             time_s = min(event.time_s for event in (a, b) if event is not None)
             texts = (
-                "none" if e is None else f"{e.kind} {e.component} {e.message!r}" for e in (a, b)
+                "none" if e is None else f"{e.kind} {e.component} {e.message!r} at {e.time_s:g} s"
+                for e in (a, b)
             )
             yield Difference(EVENTS, "event", time_s, *texts)
             return

@@ -25,8 +25,8 @@ def figures(subjects: Sequence[Subject]) -> Section:
         rows.append((text, [_figure(each.figures.get(name), form) for each in subjects]))
     rows.append(("optimiser's ladder", [_ladder(each.figures["ladder"]) for each in subjects]))
     faults = [each.figures["faults"] for each in subjects]
-    for name in dict.fromkeys(name for each in faults for name in each):
-        rows.append((escape(fault(name)), [f"{each.get(name, 0)}" for each in faults]))
+    names = dict.fromkeys(name for each in faults for name in each)
+    rows += [(escape(fault(n)), [f"{each.get(n, 0)}" for each in faults]) for n in names]
     rows = [(text, cells) for text, cells in rows if any(cells)]
     said = [(each, text) for each in subjects for text in omissions(each.recording)]
     notes = "".join(

@@ -3,15 +3,18 @@
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
+from typing import Any
 
 import numpy as np
 
 from orchestrator.assembly.clock import nanoseconds, whole_ticks
 from orchestrator.assembly.connections import Ports, find
-from orchestrator.assembly.description import Port, mismatch
+from orchestrator.assembly.description import Port
+from orchestrator.assembly.settable import accepted
 from orchestrator.assembly.system import Link, Schedule
 from orchestrator.component import Value
-from orchestrator.errors import Problem, ScenarioError, nearest
+from orchestrator.errors import Problem, ScenarioError
 from orchestrator.scenario.records import EventSpec
 
 
@@ -25,29 +28,51 @@ class Change:
 
 
 def changes(
-    specs: Sequence[EventSpec], ports: Ports, links: Iterable[Link], schedule: Schedule | None
+    specs: Sequence[EventSpec],
+    ports: Ports,
+    links: Iterable[Link],
+    schedule: Schedule | None,
+    bounds: Mapping[str, Any] | None = None,
 ) -> tuple[Change, ...]:
     """Return the events in order of time, those of one instant in the order of the scenario.
 
-    Without a ``schedule`` the times are not checked against base tick and end.
+    What would come after the end is checked and left out. Without a ``schedule`` the times are not
+    checked against base tick and end; ``bounds`` are those of parameters' fields, by full name.
 
     Raises
     ------
     ScenarioError
         With every event whose variable is unknown, connected or not tunable, or whose time or value
-        does not fit, each at ``("events", index)``.
+        does not fit, each at ``("events", index, key)``.
     """
     sources = {link.target: link.source for link in links}
     made: list[Change] = []
     problems: list[Problem] = []
     for index, spec in enumerate(specs):
+        part = "set"
         try:
-            made.append(_change(spec, ports, sources, schedule))
+            port = _settable(spec.set, ports, sources)
+            part = "at_s"
+            time_ns = nanoseconds(spec.at_s)
+            if schedule is not None:
+                whole_ticks(spec.at_s, schedule.base_ns)
+            part = "value"
+            made.append(Change(time_ns, port, accepted(port, spec.value, bounds or {})))
         except ValueError as error:
-            problems.append(Problem(("events", index), f"event {spec.set}: {error}"))
+            path = ("events", index, part)
+            problems.append(Problem(path, f"event {spec.set}: {error}"))
     if problems:
         raise ScenarioError(problems)
-    return tuple(sorted(made, key=lambda change: change.time_ns))
+    end_ns = inf if schedule is None else schedule.end_ns
+    happening = (change for change in made if change.time_ns <= end_ns)
+    return tuple(sorted(happening, key=lambda change: change.time_ns))
+
+
+def too_late(specs: Iterable[EventSpec], schedule: Schedule) -> list[str]:
+    """Return a line about the events after the end, if there are any."""
+    count = sum(nanoseconds(spec.at_s) > schedule.end_ns for spec in specs)
+    end = f"after the end at {schedule.end_ns / 1e9:g} s never"
+    return [f"{count} event{'s' * (count > 1)} {end} happen{'s' * (count == 1)}"] if count else []
 
 
 def written(change: Change) -> str:
@@ -65,39 +90,9 @@ def read(at_s: float, text: str) -> EventSpec:
     return EventSpec(at_s, name, json.loads(value))
 
 
-def parsed(port: Port, raw: object) -> Value:
-    """Return a number, text or list of a scenario as a value of ``port``.
-
-    An integer does for a float, an item's text for an enumeration, hexadecimal digits for bytes.
-
-    Raises
-    ------
-    ValueError
-        If it is not of the port's type and shape.
-    """
-    if port.items and isinstance(raw, str):
-        texts = {text: value for value, text in port.items.items()}
-        if raw not in texts:
-            near = nearest(raw, list(texts))
-            raise ValueError(f"no such item, got {raw!r}, expected one of {list(texts)}{near}")
-        return texts[raw]
-    value = raw
-    if port.kind == "float" and isinstance(raw, int) and not isinstance(raw, bool):
-        value = float(raw)
-    elif port.shape and isinstance(raw, list):
-        value = np.array(raw, float if port.kind == "float" else None)
-    elif port.kind == "binary" and isinstance(raw, str):
-        value = bytes.fromhex(raw)
-    fault = mismatch(port, value)
-    if fault is not None:
-        raise ValueError(fault)
-    return value  # pyright: ignore[reportReturnType]  (mismatch has checked it)
-
-
-def _change(
-    spec: EventSpec, ports: Ports, sources: Mapping[Port, Port], schedule: Schedule | None
-) -> Change:
-    group = find(ports, spec.set)[1]
+def _settable(name: str, ports: Ports, sources: Mapping[Port, Port]) -> Port:
+    """Return the variable of that name, if an event can set it."""
+    group = find(ports, name)[1]
     if "" not in group:
         raise ValueError(f"is a group, expected a variable such as {next(iter(group.values()))}")
     port = group[""]
@@ -108,15 +103,9 @@ def _change(
         raise ValueError(f"got {port.causality}, expected input or tunable parameter")
     if port in sources:
         raise ValueError(f"input is connected to {sources[port]}, expected an unconnected one")
-    time_ns = nanoseconds(spec.at_s)
-    if schedule is not None:
-        whole_ticks(spec.at_s, schedule.base_ns)
-        if time_ns > schedule.end_ns:
-            end = schedule.end_ns / 1e9
-            raise ValueError(f"at_s is after the end, got {spec.at_s} s, expected up to {end} s")
-    return Change(time_ns, port, parsed(port, spec.value))
+    return port
 
 
 def _plain(value: object) -> object:
-    """Return an array or bytes as :func:`parsed` takes them."""
+    """Return an array or bytes as :func:`accepted` takes them."""
     return value.hex() if isinstance(value, bytes) else np.asarray(value).tolist()

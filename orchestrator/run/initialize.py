@@ -8,7 +8,13 @@ import numpy as np
 
 from orchestrator.assembly.clock import SECOND
 from orchestrator.assembly.system import System
-from orchestrator.errors import ComponentDied, ComponentTimeout, Problem, ScenarioError
+from orchestrator.errors import (
+    ComponentDied,
+    ComponentTimeout,
+    CouplingError,
+    Problem,
+    ScenarioError,
+)
 from orchestrator.run.participant import Participant
 from orchestrator.run.report import Report
 from orchestrator.run.wiring import converted
@@ -45,9 +51,8 @@ def initialize(system: System, participants: Participants) -> None:
         try:
             participants[name].initialize(inputs, system.schedule.end_ns / SECOND, seed)
         except Exception as error:
-            plain = (ValueError, KeyError, ComponentDied, ComponentTimeout)
-            is_plain = isinstance(error, plain) and error.args
-            what = error.args[0] if is_plain else f"{type(error).__name__}: {error}"
+            plain = (CouplingError, ComponentDied, ComponentTimeout)
+            what = error if isinstance(error, plain) else f"{type(error).__name__}: {error}"
             message = f"component {name!r}: cannot be initialized, {what}"
             raise ScenarioError([Problem(("components", name), message)]) from error
 

@@ -1,13 +1,10 @@
 """Pass on what components log, with the simulated time, while a run lasts."""
 
 import logging
-from collections import deque
 from collections.abc import Generator
 from contextlib import contextmanager
 
-from orchestrator.run.report import Report
-
-LOGGER = "hedgehop.component"  # components log to "hedgehop.component.<name>"
+from orchestrator.run.report import LOGGER, Report
 
 
 class Journal(logging.Handler):
@@ -15,7 +12,7 @@ class Journal(logging.Handler):
 
     def __init__(self, report: Report) -> None:
         super().__init__()
-        self.records: deque[tuple[int, logging.LogRecord]] = deque()
+        self.records = report.logged
         self._report = report
 
     def emit(self, record: logging.LogRecord) -> None:

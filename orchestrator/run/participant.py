@@ -6,9 +6,11 @@ from time import perf_counter
 from typing import Any, cast
 
 from orchestrator.assembly.clock import SECOND
-from orchestrator.assembly.description import Port, mismatch
+from orchestrator.assembly.description import Port, mismatch, plain
 from orchestrator.assembly.system import Link, Operation, Schedule
 from orchestrator.component import Instance, Value
+from orchestrator.errors import ComponentDied, ComponentTimeout, CouplingError
+from orchestrator.failure import failure, refusal
 from orchestrator.run.finite import finiteness, nonfinite
 from orchestrator.run.policies import Policies, Step, restarting, retrying
 from orchestrator.run.ranges import outsiders
@@ -17,6 +19,7 @@ from orchestrator.run.wiring import gather
 from orchestrator.scenario.records import ComponentSpec
 
 Values = Mapping[str, Value]
+ZERO = 0  # the one object that nearly every step answers: None and False are others
 
 
 class Participant:
@@ -86,19 +89,36 @@ class Participant:
 
         Raises
         ------
-        ValueError
-            If an output is missing or is not what the description says.
+        CouplingError, ComponentDied, ComponentTimeout
+            If a call fails, or an output is missing or not what the description says.
         """
-        if inputs:
-            self._instance.set(inputs)
-        self._instance.initialize(start_time=0.0, stop_time=stop_time, seed=seed)
-        values = self._instance.get(self._outputs)
+        instance, call = self._instance, "set"
+        try:
+            if inputs:
+                instance.set(inputs)
+            call = "initialize"
+            instance.initialize(start_time=0.0, stop_time=stop_time, seed=seed)
+            call = "get"
+            values: dict[str, Any] = dict(instance.get(self._outputs))
+        except (ComponentDied, ComponentTimeout):
+            raise
+        except Exception as error:
+            what = (refusal if call == "initialize" else failure)(error, instance.component, call)
+            raise CouplingError(what) from error
+        unlike: list[Port] = []
         for name in self._outputs:
-            fault = mismatch(self._ports[name], values[name]) if name in values else "is missing"
+            port = self._ports[name]
+            value = plain(port, values[name]) if name in values else None
+            fault = mismatch(port, value) if name in values else "is missing"
             if fault is not None:
-                raise ValueError(f"output {name!r}: {fault}")
+                raise CouplingError(f"output {name!r}: {fault}")
+            if value is not values[name]:
+                unlike.append(port)
+        if unlike:
+            self._get = _converting(self._get, unlike)
+            values |= {port.name: plain(port, values[port.name]) for port in unlike}
         self.values = values
-        self._instance.enter_step_mode()
+        instance.enter_step_mode()
 
     def wire(self, participants: Mapping[str, "Participant"]) -> None:
         """Connect the inputs to what the participants publish."""
@@ -133,11 +153,14 @@ class Participant:
                 return
             inputs = self._inputs(time_ns)
             start = perf_counter()
+            call = "set"
             try:
-                self._set(inputs)
+                if inputs:
+                    self._set(inputs)
+                call = "step"
                 component.begin_step(time_ns / SECOND, self._step_size)
             except Exception as error:  # noqa: BLE001
-                self._fail(time_ns, error)
+                self._fail(time_ns, call, error)
             else:
                 has_begun = True
             self._elapsed_s = perf_counter() - start
@@ -150,7 +173,7 @@ class Participant:
             try:
                 status = component.finish_step()
             except Exception as error:  # noqa: BLE001
-                self._fail(time_ns, error)
+                self._fail(time_ns, "step", error)
                 return
             self._elapsed_s += perf_counter() - start
             self._may_read = self._is_done(time_ns, status)
@@ -170,7 +193,7 @@ class Participant:
             try:
                 self._set({name: value})
             except Exception as error:  # noqa: BLE001  (whatever a component raises is Error)
-                self._fail(time_ns, error)
+                self._fail(time_ns, "set", error)
 
     def advance(self, time_ns: int) -> None:
         """Step a continuous component; its outputs are read when the end of the step is reached."""
@@ -183,7 +206,7 @@ class Participant:
         try:
             values = self._get(self._outputs)
         except Exception as error:  # noqa: BLE001
-            self._fail(time_ns, error)
+            self._fail(time_ns, "get", error)
             return
         if self._latency:
             self._pending.append((time_ns + self._latency, values))
@@ -200,7 +223,7 @@ class Participant:
         try:
             fault = None if self._is_usual(values) else self._fault(values)
         except Exception as error:  # noqa: BLE001  (other names or types than at the start)
-            self._fail(time_ns, error)
+            self._fail(time_ns, "get", error)
             return
         if fault is not None and not self._is_let_pass(time_ns, *fault):
             return
@@ -243,12 +266,14 @@ class Participant:
         def read(time_ns: int) -> None:
             if not self._may_read:
                 return
+            call = "set"
             try:
-                if take is not None:
-                    set_(take(time_ns))
+                if take is not None and (inputs := take(time_ns)):
+                    set_(inputs)
+                call = "get"
                 values = get(names)
             except Exception as error:  # noqa: BLE001
-                self._fail(time_ns, error)
+                self._fail(time_ns, call, error)
             else:
                 publish(time_ns, values if is_all else {**self.values, **values}, is_last)
 
@@ -257,33 +282,37 @@ class Participant:
     def _stepper(self, step: Step) -> Callable[[int], bool]:
         """Return what takes over the inputs and steps; false where a policy holds the outputs."""
         set_, size, tries, is_timed = self._set, self._step_size, self._tries, self._is_timed
+        zero = ZERO
 
         def has_stepped(time_ns: int) -> bool:
             if not self._is_in_service:
                 return False
             inputs = self._inputs(time_ns)
+            call = "set"
             try:
-                set_(inputs)
+                if inputs:
+                    set_(inputs)
+                call = "step"
                 status = step(time_ns / SECOND, size)
             except Exception as error:  # noqa: BLE001
-                self._fail(time_ns, error)
+                self._fail(time_ns, call, error)
                 return False
             while tries:
                 self._policies.tried_again(time_ns, tries.pop(0))
-            return not (status or is_timed) or self._is_done(time_ns, status)
+            return (status is zero and not is_timed) or self._is_done(time_ns, status)
 
         return has_stepped
 
     def _is_done(self, time_ns: int, status: int) -> bool:
         """Deal with a status and with the time taken; return whether the outputs may be read."""
-        if status and not self._policies.answered(time_ns, status):
+        if status is not ZERO and not self._policies.answered(time_ns, status):
             self._is_in_service = self._instance.state == "stepping"
             return False
         return not self._is_timed or self._is_in_time(time_ns)
 
-    def _fail(self, time_ns: int, error: Exception) -> None:
+    def _fail(self, time_ns: int, call: str, error: Exception) -> None:
         self._is_in_service = self._may_read = False
-        self._policies.failed(time_ns, error)
+        self._policies.failed(time_ns, call, error)
 
     def _is_in_time(self, time_ns: int) -> bool:
         """Tell the measured time of a step; False where an overrun holds the outputs."""
@@ -309,6 +338,16 @@ class Participant:
         history.append((time_ns, self.values))
         while len(history) > 1 and history[1][0] <= time_ns - self._longest_delay:
             history.popleft()
+
+
+def _converting(get: Callable[[Any], Any], unlike: Sequence[Port]) -> Callable[[Any], Any]:
+    """Return a ``get`` whose numbers are Python's, where the component's own are not."""
+
+    def get_plain(names: Sequence[str]) -> dict[str, Any]:
+        values = get(names)
+        return values | {p.name: plain(p, values[p.name]) for p in unlike if p.name in values}
+
+    return get_plain
 
 
 def _usual(

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterable
 from typing import Any, Literal
 
 from orchestrator.assembly.description import Port
-from orchestrator.component import Instance, Status, Value
+from orchestrator.component import Instance, Status, Value, is_status
 from orchestrator.errors import ComponentDied, ComponentTimeout
+from orchestrator.failure import failure, show
 from orchestrator.run.ranges import excess
 from orchestrator.run.report import Ended, Report, at
 from orchestrator.scenario.records import ComponentSpec
@@ -31,29 +32,31 @@ class Policies:
         self._told: set[str] = set()  # outputs that have been reported out of range
 
     def answered(self, time_ns: int, status: int) -> bool:
-        """Deal with every status but OK; return whether the step's results count."""
-        if status == Status.WARNING:
-            self._apply(time_ns, "warning", "step is done with a Warning", "log")
+        """Deal with what a step answered; return whether its results count."""
+        if is_status(status) and status == Status.OK:
+            return True
+        if is_status(status) and status == Status.WARNING:
+            self._apply(time_ns, "warning", self._said("step is done with a Warning"), "log")
             return True
         if status == Status.DISCARD:
             policy = "hold" if self._spec.on_discard == "hold" else "end"
-            self._apply(time_ns, "discard", "step is refused (Discard)", policy)
+            self._apply(time_ns, "discard", self._said("step is refused (Discard)"), policy)
             return False
-        self._instance.fail(fatal=status != Status.ERROR)
-        policy = self._on_error if status == Status.ERROR else "end"
-        self._apply(time_ns, *_fault(status), policy)
+        self._instance.fail(fatal=status == Status.FATAL)
+        policy = "end" if status == Status.FATAL else self._on_error
+        self._apply(time_ns, *self._fault("step", status), policy)
         return False
 
-    def failed(self, time_ns: int, error: Exception) -> None:
-        """Deal with an exception: it counts as Error."""
+    def failed(self, time_ns: int, call: str, error: Exception) -> None:
+        """Deal with an exception of a call: it counts as Error."""
         self._instance.fail()
-        self._apply(time_ns, *_fault(error), self._on_error, error)
+        self._apply(time_ns, *self._fault(call, error), self._on_error, error)
 
-    def restarted(self, failure: int | Exception) -> None:
+    def restarted(self, call: str, found: int | Exception) -> None:
         """Report a failure after which a new process goes on."""
         time_ns = self._report.time_ns
-        error = failure if isinstance(failure, Exception) else None
-        self._apply(time_ns, *_fault(failure), "log", error)
+        error = found if isinstance(found, Exception) else None
+        self._apply(time_ns, *self._fault(call, found), "log", error)
         self._apply(
             time_ns, "restart", "goes on in a new process, from the last saved state", "log"
         )
@@ -93,22 +96,27 @@ class Policies:
         message = f"{reason}, outputs are held" if policy == "hold" else reason
         if error is not None and kind == "error":
             message += "\n" + "".join(traceback.format_exception(error))
+            show(error)
         self._report.event(time_ns, kind, self._spec.name, message)
         if policy == "end":
             raise Ended("component error", reason) from error
 
+    def _fault(self, call: str, found: int | Exception) -> tuple[str, str]:
+        """Return kind and text of the event for a status or an exception that counts as Error."""
+        if isinstance(found, ComponentDied):
+            return "died", str(found)
+        if isinstance(found, ComponentTimeout):
+            return "timeout", str(found)
+        if isinstance(found, Exception):
+            return "error", failure(found, self._instance.component, call)
+        if is_status(found):
+            return "error", self._said(f"step failed ({Status(found).name.capitalize()})")
+        return "error", f"step answered {found!r}, expected a status 0 to 4"
 
-def _fault(failure: int | Exception) -> tuple[str, str]:
-    """Return kind and text of the event for a status or an exception that counts as Error."""
-    if isinstance(failure, ComponentDied):
-        return "died", str(failure)
-    if isinstance(failure, ComponentTimeout):
-        return "timeout", str(failure)
-    if isinstance(failure, Exception):
-        return "error", f"failed, {type(failure).__name__}: {failure}"
-    if failure in (Status.ERROR, Status.FATAL):
-        return "error", f"step failed ({Status(failure).name.capitalize()})"
-    return "error", f"step answered an unknown status, got {failure!r}, expected 0 to 4"
+    def _said(self, what: str) -> str:
+        """Return what happened, with what the component has logged last at this instant."""
+        said = self._report.said(self._spec.name)
+        return f"{what}, it says: {said}" if said else what
 
 
 def checkpoints(
@@ -139,9 +147,9 @@ def retrying(component: Any, step: Step, tries: list[int]) -> Step:
             part = step_size / parts
             for i in range(parts):
                 status = step(time + i * part, part)
-                if status >= Status.DISCARD:
+                if status not in (Status.OK, Status.WARNING):
                     break
-        if status < Status.FATAL:
+        if status != Status.FATAL:
             release(checkpoint)
         return status
 
@@ -149,7 +157,9 @@ def retrying(component: Any, step: Step, tries: list[int]) -> Step:
 
 
 def restarting(
-    call: Callable[..., Any], restart: Callable[[], None], tell: Callable[[int | Exception], None]
+    call: Callable[..., Any],
+    restart: Callable[[], None],
+    tell: Callable[[str, int | Exception], None],
 ) -> Callable[..., Any]:
     """Return a call that is made once more, in a new process, when it fails."""
 
@@ -157,12 +167,12 @@ def restarting(
         try:
             answer = call(*arguments)
         except Exception as error:  # noqa: BLE001  (whatever a component raises)
-            failure = error
+            found = error
         else:
             if not isinstance(answer, int) or answer < Status.ERROR:
                 return answer
-            failure = answer
-        tell(failure)
+            found = answer
+        tell(call.__name__, found)
         restart()
         return call(*arguments)
 

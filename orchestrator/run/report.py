@@ -1,6 +1,7 @@
 """What a run says: events, counts, and the reason why it ends."""
 
-from collections import Counter
+import logging
+from collections import Counter, deque
 from collections.abc import Sequence
 
 from orchestrator.assembly.clock import SECOND
@@ -21,6 +22,9 @@ COUNTED = {
 }
 
 
+LOGGER = "hedgehop.component"  # components log to "hedgehop.component.<name>"
+
+
 class Ended(Exception):  # noqa: N818  (not an error: every run ends)
     """The run ends here; carries the result's outcome and reason."""
 
@@ -31,12 +35,19 @@ class Ended(Exception):  # noqa: N818  (not an error: every run ends)
 
 
 class Report:
-    """Counts what happens and tells the listeners; knows the instant that is simulated."""
+    """Counts what happens and tells the listeners; knows the instant that is simulated.
+
+    Attributes
+    ----------
+    logged : deque
+        Time, ns, and record of what components have logged and listeners have not been told yet.
+    """
 
     def __init__(self, listeners: Sequence[Listener]) -> None:
         self.listeners = tuple(listeners)
         self.time_ns = 0
         self.counts: Counter[str] = Counter()
+        self.logged: deque[tuple[int, logging.LogRecord]] = deque()
 
     def event(self, time_ns: int, kind: str, component: str, message: str) -> None:
         """Pass an event on; faults are counted under ``overruns.mpc`` and the like."""
@@ -44,6 +55,13 @@ class Report:
             self.counts[f"{COUNTED[kind]}.{component}"] += 1
         for listener in self.listeners:
             listener.event(time_ns, kind, component, message)
+
+    def said(self, component: str) -> str:
+        """Return what a component has logged last, at this instant; usually why it failed."""
+        for time_ns, record in reversed(list(self.logged)):
+            if time_ns == self.time_ns and record.name == f"{LOGGER}.{component}":
+                return " ".join(record.getMessage().split())
+        return ""
 
 
 def at(component: str, time_ns: int) -> str:

@@ -1,6 +1,6 @@
 """Put scenario files on top of each other, and overrides on top of them.
 
-``extends: base.yaml`` (or a list) starts from other files, named relative to this one: mappings
+``extends: base.yaml`` (or a list) starts from other files, beside this one or installed: mappings
 merge, everything else replaces, ``null`` removes what a parent wrote. An override
 ``a.b.c=value``, its value read as YAML, is merged last, as if it were one more file.
 """
@@ -16,8 +16,15 @@ from orchestrator.scenario.yaml_source import parse
 MAX_EXTENDS = 8
 
 
+def installed() -> Path:
+    """Return the folder of the scenarios that came with the installation."""
+    packages = Path(__file__).parents[1]
+    inside = packages / "scenarios"  # in a wheel
+    return inside if inside.is_dir() else packages.parent / "scenarios"
+
+
 def read(file: Path, faults: list[Fault], chain: tuple[Path, ...] = ()) -> Node | None:
-    """Return the tree of a file merged onto those that it extends.
+    """Return the tree of a file merged onto those that it extends; None if one is not to be had.
 
     ``chain`` is how the file was reached. Messages show files as they are given here.
     """
@@ -27,6 +34,9 @@ def read(file: Path, faults: list[Fault], chain: tuple[Path, ...] = ()) -> Node 
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         faults.append(Fault(replace(source, line=line), "file: not UTF-8 text"))
+        return None
+    except IsADirectoryError:
+        faults.append(Fault(Mark(str(file)), "is a folder, expected a scenario file"))
         return None
     except OSError as error:
         faults.append(Fault(Mark(str(file)), f"file: cannot be read, {error.strerror}"))
@@ -43,18 +53,27 @@ def read_text(
         return node
     members = dict(node.value)
     base: Node | None = None
+    is_whole = True
     for parent in _parents(members.pop("extends"), (*chain, file), faults):
-        other = read(parent, faults, (*chain, file))
+        before = len(faults)
+        other = read(parent, faults, (*chain, file)) if parent else None
         base = merge(base, other) if base and other else other or base
+        is_whole &= parent is not None and (other is not None or len(faults) == before)
+    if not is_whole:
+        return None
     child = replace(node, value=members)
     return merge(base, child) if base else child
 
 
-def _parents(extends: Node, chain: tuple[Path, ...], faults: list[Fault]) -> Iterator[Path]:
-    """Yield the files to extend; report those that cannot be."""
+def _parents(extends: Node, chain: tuple[Path, ...], faults: list[Fault]) -> Iterator[Path | None]:
+    """Yield the files to extend; None in place of one that cannot be, which is reported."""
     for node in extends.value if isinstance(extends.value, list) else [extends]:
         name = node.plain()
-        file = chain[-1].parent / str(name)
+        folder = chain[-1].parent
+        file = next(
+            (one / str(name) for one in (folder, installed()) if (one / str(name)).is_file()),
+            folder / str(name),
+        )
         above = [link.resolve() for link in chain]
         if not isinstance(name, str):
             what = f"not a file name, got {name!r}, expected one or a list of them"
@@ -64,12 +83,14 @@ def _parents(extends: Node, chain: tuple[Path, ...], faults: list[Fault]) -> Ite
         elif len(chain) > MAX_EXTENDS:
             what = f"too deep, got {len(chain)} files on top of each other, expected {MAX_EXTENDS}"
         elif not file.is_file():
-            near = nearest(file.name, [one.name for one in file.parent.glob("*.y*ml")])
-            what = f"file not found, got {name!r}, expected a file relative to {chain[-1]}{near}"
+            known = [one.name for each in (file.parent, installed()) for one in each.glob("*.y*ml")]
+            where = f"a file relative to {chain[-1]} or an installed scenario"
+            what = f"file not found, got {name!r}, expected {where}{nearest(file.name, known)}"
         else:
             yield file
             continue
         faults.append(Fault(node.mark, f"extends: {what}", ("extends",)))
+        yield None
 
 
 def merge(base: Node, top: Node) -> Node:

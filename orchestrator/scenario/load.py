@@ -11,7 +11,7 @@ from orchestrator.assembly.discovery import installed_components, resolve
 from orchestrator.assembly.parameters import TOLD, adapter, constructor
 from orchestrator.errors import nearest
 from orchestrator.scenario.document import Document
-from orchestrator.scenario.layers import override, read, read_text
+from orchestrator.scenario.layers import installed, override, read, read_text
 from orchestrator.scenario.marks import Fault, KeyPath, Mark, Node, Origins, scenario_error
 from orchestrator.scenario.records import (
     ComponentSpec,
@@ -79,13 +79,6 @@ def _load(root: Node | None, file: Path, overrides: Iterable[str], faults: list[
     return _records(document, file.parent, Origins(root))
 
 
-def installed() -> Path:
-    """Return the folder of the scenarios that came with the installation."""
-    packages = Path(__file__).parents[1]
-    inside = packages / "scenarios"  # in a wheel
-    return inside if inside.is_dir() else packages.parent / "scenarios"
-
-
 def _may_create(path: KeyPath) -> bool:
     """Whether an override may write a mapping that no file holds: a section, or parameters."""
     return "parameters" in path or (len(path) == 1 and path[0] in Document.model_fields)
@@ -120,7 +113,7 @@ def json_schema() -> dict[str, Any]:
     """
     schema = Document.model_json_schema()
     schema["properties"]["extends"] = {
-        "description": "files to start from, relative to this one",
+        "description": "files to start from, relative to this one, or installed scenarios",
         "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}],
     }
     # a file that extends others gives only what it changes
