@@ -58,14 +58,15 @@ def parameter_variables(record: Any, tunable: Sequence[str] = ()) -> list[Variab
     of the description shows; they are not variables.
     """
     hints = get_type_hints(type(record), include_extras=True)
+    types = get_type_hints(type(record))
     rows: list[Variable] = []
     for field in fields(record):
         value = getattr(record, field.name)
         if not isinstance(value, bool | int | float):
             continue
-        hint = hints[field.name]
-        hint, *notes = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-        if hint is float:
+        hint, type_ = hints[field.name], types[field.name]
+        notes = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+        if float in (type_, *get_args(type_)):  # also of a union
             value = float(value)  # 10 is a float's value too
         unit = next((u for s, u in SUFFIX_UNITS.items() if field.name.endswith(s)), "1")
         rows.append(

@@ -6,7 +6,7 @@ may be called when is in one table, ``LIFE_CYCLE``, which :class:`Instance` enfo
 A value is of its variable's type: a float for Float64, an int for Int64 and enumerations, a bool
 for Boolean, an array of exactly that type (float64, int64) and of the described shape where there is
 one. For a scalar output an int or a numpy scalar does too, if nothing is lost: it becomes a float,
-int or bool when the component is first read. A bool is no number, an array of one element no scalar.
+int or bool before anybody sees it. A bool is no number, an array of one element no scalar.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 from numpy.typing import NDArray
 
-from orchestrator.errors import CouplingError
+from orchestrator.errors import RAISED, CouplingError
 from orchestrator.failure import failure
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ class Instance:
                 )
             try:
                 described = component.describe()
-            except Exception as error:
+            except RAISED as error:
                 what = failure(error, component, "describe")
                 raise CouplingError(f"component {self.name!r}: {what}") from error
             if not hasattr(described, "modelVariables"):
@@ -216,7 +216,7 @@ class Instance:
         component: Any = self.component
         try:
             found = component.execution
-        except Exception as error:
+        except RAISED as error:
             what = failure(error, component, "execution")
             raise CouplingError(f"component {self.name!r}: {what}") from error
         has_all = all(hasattr(found, name) for name in ("kind", "rate_hz", "interface"))

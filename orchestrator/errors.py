@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 Path = tuple[str | int, ...]
+RAISED = (Exception, SystemExit)
+"""What a component may raise; an interruption is not of its making."""
 
 
 @dataclass(frozen=True)

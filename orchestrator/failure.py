@@ -3,6 +3,7 @@
 import os
 import sys
 import traceback
+from inspect import getattr_static
 from pathlib import PurePath
 from traceback import walk_tb
 from types import CodeType, FrameType
@@ -78,7 +79,7 @@ def show(error: BaseException) -> None:
 
 def _callee(component: object, call: str) -> object:
     """Return the method of a call; the class or function itself if it is what makes components."""
-    return component if call == "constructor" else getattr(component, call or "_", None)
+    return component if call == "constructor" else getattr_static(component, call or "_", None)
 
 
 def _is_beside(frame: FrameType, first: FrameType) -> bool:
@@ -102,4 +103,7 @@ def _name(code: CodeType) -> str:
 
 
 def _line(error: BaseException) -> str:
-    return " ".join(str(error).split())
+    try:
+        return " ".join(str(error).split())
+    except Exception:  # noqa: BLE001  (of the exception's own making)
+        return ""

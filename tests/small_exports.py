@@ -15,6 +15,12 @@ import numpy as np
 from plant.variables import Execution, Variable, model_description, parameter_variables, unknown
 
 MODES = ("off", "on", "stuck")
+WRONG = {
+    "part": {"set_calls": 1.8}, "huge": {"set_calls": 2**63}, "truth": {"total": True},
+    "number": {"is_flag": 1}, "digits": {"noise": "1"}, "no text": {"echo": 5},
+    "truths": {"counts": np.array([True, False])}, "inexact": {"total": 2**53 + 1},
+}  # fmt: skip
+ANSWERS = {"answer true": True, "answer part": 0.4, "answer 7": 7, "answer none": None}
 
 
 @dataclass(frozen=True)
@@ -103,9 +109,12 @@ class Everything:
         }
         if i["text"] == "shape":
             values["y"] = np.zeros(5)
+        values |= WRONG.get(i["text"], {})
         return {name: values[name] for name in names}
 
     def step(self, time, step_size):
+        if self.inputs["text"] in ANSWERS:
+            return ANSWERS[self.inputs["text"]]
         match self.inputs["text"]:
             case "raise":
                 self.total = 1e9  # lost

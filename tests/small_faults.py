@@ -103,6 +103,8 @@ class Counter:
         self.values |= {n: np.copy(v) if np.ndim(v) else v for n, v in values.items()}
 
     def get(self, names):
+        if self.parameters.fault == "raise in get" and self._is_due(self.steps / 20):
+            raise_error()
         known = {
             "y": self.y, "ring": self.ring, "pid": self.pid, "temporary": self.folder,
         }  # fmt: skip
@@ -112,11 +114,7 @@ class Counter:
         return {name: known[name] for name in names}
 
     def step(self, time, step_size):
-        marker = self.parameters.marker and Path(self.parameters.marker)
-        is_due = time >= self.parameters.at_s and not (marker and marker.exists())
-        if is_due and self.parameters.fault in FAULTS:
-            if marker:
-                marker.touch()
+        if self.parameters.fault in FAULTS and self._is_due(time):
             self.log.warning("about to %s", self.parameters.fault)
             return FAULTS[self.parameters.fault]()
         self.steps += 1
@@ -124,6 +122,14 @@ class Counter:
         if self.steps % 5 == 0:
             self.ring = self._ring()
         return 0
+
+    def _is_due(self, time):
+        marker = self.parameters.marker and Path(self.parameters.marker)
+        if time < self.parameters.at_s or (marker and marker.exists()):
+            return False
+        if marker:
+            marker.touch()
+        return True
 
     def terminate(self):
         if self.parameters.fault == "hang at last":

@@ -1,13 +1,26 @@
 """Every shipped component keeps every clause of the contract."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import pytest
+from annotated_types import Ge
 
+import controller.variables
 from orchestrator.command.app import status
 from plant.helicopter import Helicopter
 from plant.start import HelicopterParameters
 from plant.variables import parameter_variables
+
+
+@dataclass(frozen=True)
+class Unions:
+    """Parameters that may be something else."""
+
+    gap: float | None = 10
+    noted: Annotated[float | int, "noted"] = 3
+    inner: Annotated[float, Ge(0)] | None = 2
+    count: int | None = 4
 
 
 @dataclass(frozen=True)
@@ -37,6 +50,18 @@ def test_a_float_parameter_given_as_an_integer_is_a_float():
     types = {v.name: (v.type, v.start) for v in described.modelVariables}
     assert types["height_agl_m"] == ("Float64", "10.0")
     assert types["slope_matched"] == ("Boolean", "true")
+
+
+@pytest.mark.parametrize("rows", [parameter_variables, controller.variables.parameter_variables])
+def test_a_union_with_a_float_is_a_float(rows):
+    """A field that may be a float has a variable that may be one."""
+    types = {v.name: (v.type, v.start, v.description) for v in rows(Unions())}
+    assert types == {
+        "gap": ("Float64", 10.0, ""),
+        "noted": ("Float64", 3.0, "noted"),
+        "inner": ("Float64", 2.0, ""),
+        "count": ("Int64", 4, ""),
+    }
 
 
 def test_a_rate_of_change_is_not_a_time():

@@ -11,16 +11,17 @@ from orchestrator.recording.recorder import Recorder
 
 @pytest.fixture
 def record(tmp_path, monkeypatch):
-    """Return a function that records x(k) of several variables and opens that."""
+    """Return a function that records x(k) of several variables, and warnings, and opens that."""
     monkeypatch.chdir(tmp_path)
 
-    def record(name, values):
+    def record(name, values, warned=()):
         system = make_system([port("a", each) for each in values])
         count = max(map(len, values.values()))
         calls = [
             ("outputs", (k * TICK_NS, "a", {n: float(x[k]) for n, x in values.items()}))
             for k in range(count)
         ]
+        calls += [("event", (k * TICK_NS, "warning", "a", "hot")) for k in warned]
         tell(Recorder(tmp_path / name), system, calls)
         return Recording.open(name)
 
@@ -64,3 +65,12 @@ def test_a_longer_recording_is_told_once(record):
         "a.mcap is longer: 0.1 s, c.mcap ends at 0.05 s",
         "signals: 1 equal up to 0.05 s, 1 different",
     ]
+
+
+@pytest.mark.parametrize("last", [1, 2])
+def test_what_comes_after_an_end_is_what_the_longer_one_has(record, last):
+    """What the one that ends first, or as late as the other, has alone at its end is told."""
+    a = record("a.mcap", {"x": [1, 2, 3]})
+    b = record("b.mcap", {"x": [1, 2, 3][: last + 1]}, warned=[last])
+    for pair in ((a, b), (b, a)):
+        assert said(*pair)[0].startswith(f"/events: event differs at t = {0.05 * last:.3f} s")

@@ -5,7 +5,7 @@ import pytest
 from scripted import Row, Scripted, clock, gain, integrator, system
 
 from orchestrator.assembly.description import Port
-from orchestrator.assembly.settable import parsed
+from orchestrator.assembly.settable import accepted, parsed
 from orchestrator.errors import ScenarioError
 from orchestrator.figures.trace import Trace
 from orchestrator.run.simulate import simulate
@@ -96,7 +96,12 @@ def test_a_feed_through_output_shows_the_change_at_once():
         (
             EventSpec(0.5, "c.curve", ["a", 1]),
             "value",
-            'wrong type, got ["a", 1], expected a list of shape 2, each a number',
+            "wrong type, got 'a', expected a number",
+        ),
+        (
+            EventSpec(0.5, "c.curve", "high"),
+            "value",
+            "wrong type, got 'high', expected a list of shape 2, each a number",
         ),
         (EventSpec(0.5, "c.mode", "fats"), "value", "no such item, got 'fats', expected one of"),
         (EventSpec(0.5, "c.k", float("nan")), "value", "not a number, got nan, expected a number"),
@@ -139,5 +144,49 @@ def test_values_of_a_scenario_become_values_of_a_port():
     curve = parsed(port(type="Float64", shape=(2,)), [1, 2])
     assert curve.dtype == np.float64
     assert parsed(port(type="Int64", shape=(2,)), [1, 2]).dtype == np.int64
+    kinds = {"type": "Enumeration", "items": {0: "slow", 4: "fast"}}
+    assert parsed(port(**kinds, shape=(2,)), ["fast", 0]).tolist() == [4, 0]
+    assert parsed(port(type="Binary", shape=(2,)), ["00", "ff01"]).tolist() == [b"\0", b"\xff\1"]
     with pytest.raises(ValueError, match=r"wrong shape, got \(3,\), expected \(2,\)"):
         parsed(port(type="Float64", shape=(2,)), [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))],
+)
+def test_integers_are_within_their_type(kind):
+    """The least and the greatest value of a type are values of it, one beyond is out of range."""
+    bits = 32 if kind == "Integer" else int(kind.removeprefix("U").removeprefix("Int"))
+    low, high = (0, 2**bits - 1) if kind[0] == "U" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    for value in (low, high):
+        assert accepted(port(type=kind), value, {}) == value
+    for value in (low - 1, high + 1, 10**30):
+        told = f"input 'u' is out of range, got {value}, expected at least "
+        with pytest.raises(ValueError, match=told):
+            accepted(port(type=kind), value, {})
+        with pytest.raises(ValueError, match=told):
+            accepted(port(type=kind, shape=(2,)), [1, value], {})
+
+
+@pytest.mark.parametrize("shape", [(), (2,)])
+@pytest.mark.parametrize(
+    ("kind", "raw", "told"),
+    [
+        ("Float64", 10**400, "out of range, got 1000.* expected a number of at most 1.8e\\+308"),
+        ("Float64", True, "wrong type, got true, expected a number"),
+        ("Float64", "1", "wrong type, got '1', expected a number"),
+        ("Float64", None, "wrong type, got null, expected a number"),
+        ("Int64", False, "wrong type, got false, expected a whole number"),
+        ("Int64", 1.0, "wrong type, got 1.0, expected a whole number"),
+        ("Boolean", 1, "wrong type, got 1, expected true or false"),
+        ("String", 1, "wrong type, got 1, expected text"),
+        ("Enumeration", 5, "not an item, got 5, expected 0 or 1"),
+        ("Enumeration", "c", "no such item, got 'c', expected one of"),
+    ],
+)
+def test_every_element_is_of_the_type(kind, shape, raw, told):
+    """In a list nothing does that would not do alone."""
+    one = port(type=kind, shape=shape, items={0: "a", 1: "b"} if kind == "Enumeration" else {})
+    with pytest.raises(ValueError, match=f"^{told}"):
+        accepted(one, [raw, raw] if shape else raw, {})

@@ -9,7 +9,7 @@ import pytest
 from exported import EVERYTHING, VERSIONS, Master, exported
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
-from small_exports import Everything, EverythingParameters
+from small_exports import ANSWERS, WRONG, Everything, EverythingParameters
 
 from orchestrator.command.app import status
 from orchestrator.export.export import choose, export
@@ -264,6 +264,50 @@ def test_a_wrong_shape_is_an_error(master):
     with pytest.raises(FMICallException, match="status 3"):
         master.initialize(text="shape")
     assert "y: wrong shape, got (5,), expected (2, 3)" in master.messages[-1][1]
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_a_value_of_another_type_is_an_error(master, text):
+    """What would not be the same value in its variable is refused, as it is natively."""
+    master.fmu.reset()
+    master.messages.clear()
+    with pytest.raises(FMICallException, match="status 3"):
+        master.initialize(text=text)
+    ((name, value),) = WRONG[text].items()
+    told = f"{name}: wrong type, got {value!r}, expected "
+    assert master.messages[-1][1].startswith(f"ValueError: {told}")
+
+
+def test_nan_and_numbers_of_numpy_are_values():
+    """A value that is the same in its variable is taken: NaN, an int for a float, numpy's scalars."""
+    from orchestrator.export.worker.instance import Variable
+
+    buffers = {
+        "reals": np.zeros(2),
+        "integers": np.zeros(1, int),
+        "strings": np.full(2, "", object),
+    }
+    real = Variable("x", "get", "reals", 1, (), boolean=False)
+    for value in (float("nan"), 3, np.float32(0.1), np.int16(-4)):
+        real.write(buffers, value)
+        np.testing.assert_equal(real.read(buffers), float(value))
+    flag = Variable("b", "get", "integers", 0, (), boolean=True)
+    flag.write(buffers, np.True_)
+    assert flag.read(buffers) is True
+    texts = Variable("t", "get", "strings", 0, (2,), boolean=False)
+    texts.write(buffers, np.array(["a", "bc"]))
+    texts.write(buffers, texts.read(buffers))  # what a component takes it may return
+    assert texts.read(buffers).tolist() == ["a", "bc"]
+
+
+@pytest.mark.parametrize("text", ANSWERS)
+def test_a_step_answers_a_status(master, text):
+    """What is no status is an error, as it is natively, and never a number that it could be."""
+    master.again(text=text)
+    with pytest.raises(FMICallException, match="status 3"):
+        master.step(0.0, 0.1)
+    told = f"ValueError: step answered {ANSWERS[text]!r}, expected a status 0 to 4"
+    assert master.messages == [(3, told)]
 
 
 @pytest.mark.parametrize("fmi", VERSIONS)

@@ -106,6 +106,13 @@ def test_every_fault_ends_the_run_in_order(fly, fault, keys, kind, what):
     assert trace["c.pid"][1][0] != os.getpid()
 
 
+def test_outputs_that_cannot_be_read_are_told_with_the_line_that_failed(fly):
+    """It is the component's own, in another process, though the answer to the step has brought it."""
+    trace = fly("raise in get")
+    what = f"RuntimeError: NotPicklable: beyond words (small_faults.py:{RAISED})"
+    assert trace.result.reason == f"{AT}get failed, {what}"
+
+
 @pytest.mark.parametrize("fault", ["crash", "hang"])
 def test_a_lost_component_can_be_held(fly, fault):
     """With on_error hold the outputs stay and the others fly on to the end."""
@@ -117,7 +124,7 @@ def test_a_lost_component_can_be_held(fly, fault):
     assert trace["c.y"][0][-1] == 0.5
 
 
-@pytest.mark.parametrize("fault", ["crash", "hang", "raise", "fatal"])
+@pytest.mark.parametrize("fault", ["crash", "hang", "raise", "raise in get", "fatal"])
 def test_a_restarted_component_goes_on_from_its_saved_state(fly, tmp_path, fault):
     """The failed step is taken again in a new process; the flight is the undisturbed one."""
     trace = fly(fault, "on_error=restart", "timeout_s=2", marker=tmp_path / "marker")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from orchestrator.figures.deviation import deviation, held, project
 from orchestrator.figures.logbook import Logbook
-from orchestrator.figures.metrics import flight_metrics
+from orchestrator.figures.metrics import faults, flight_metrics, timing
 from orchestrator.figures.trace import Trace
 from orchestrator.flight import recording_metrics
 from orchestrator.listener import Result
@@ -261,3 +261,13 @@ def test_a_recording_gives_the_figures_of_the_run(tmp_path, wall_clock):
     assert recording_metrics(path) == run
     timings = {"update_ms_median", "update_ms_p99", "cpu_ms_per_simulated_s", "deadline_misses"}
     assert {k for k, v in run.items() if v is None} == (set() if wall_clock else timings)
+
+
+def test_overruns_are_what_begins_with_their_name():
+    """Faults leave out, without wall clock, what is counted as missed deadlines with it."""
+    counts = {"overruns.mpc": 2, "overruns.sensor": 3, "overrunsome.mpc": 5, "late.overruns": 7}
+    result = Result("flown", "", 10**9, counts)
+    kept = faults(result, has_overruns=False)
+    assert kept == {"late.overruns": 7, "overrunsome.mpc": 5}
+    missed = timing("mpc", result, {})["deadline_misses"]
+    assert missed == sum(faults(result, has_overruns=True).values()) - sum(kept.values()) == 5

@@ -6,9 +6,12 @@ import small_components
 from fmpy.validation import validate_model_description
 
 from orchestrator.assembly.build import build
+from orchestrator.assembly.description import Port, ports
+from orchestrator.assembly.units import Unit
 from orchestrator.command.app import status
 from orchestrator.flight import fly, fly_system
 from orchestrator.playback.component import Playback, PlaybackParameters
+from orchestrator.playback.description import describe
 from orchestrator.recording.reader import Recording
 from orchestrator.scenario.load import load
 
@@ -58,6 +61,12 @@ def test_a_recorded_component_describes_itself_as_the_component_did(folder):
     for name, port in system.ports["glider"].items():
         if port.causality != "independent":
             assert vars(again[name]) | {"start": None} == vars(port) | {"start": None}
+
+
+def test_a_recorded_unit_of_no_known_dimension_stays_unknown():
+    """What its name would mean for a native component is not read into it."""
+    force = Port("c", "force", "output", "continuous", "Float64", unit=Unit("N", None))
+    assert ports("c", describe("c", "as recorded", [force]))["force"].unit == Unit("N", None)
 
 
 def test_a_flight_longer_than_the_recording_is_refused(folder, capsys):

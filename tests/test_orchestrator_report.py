@@ -208,12 +208,18 @@ def test_what_is_missing_is_a_gap(tmp_path):
             assert ((shown < 2.0) | (shown >= 4.0)).all()
 
 
-@given(st.integers(1, 50), st.integers(3, 9), st.floats(1e-3, 10.0))
+@given(st.integers(1, 50), st.integers(2, 9), st.floats(1e-3, 10.0))
 def test_a_hole_is_what_a_regular_rate_lacks(before, lacking, period):
     """A hole begins one period after the last point and ends one before the next."""
     times = period * np.delete(np.arange(100), slice(before, before + lacking))
     ends = period * np.array([before, before + lacking - 1])
     assert holes(times) == pytest.approx(ends)
+
+
+@given(st.integers(1, 98), st.floats(1e-3, 10.0))
+def test_one_lost_point_is_no_hole(lost, period):
+    """A line goes on over a single message that is missing."""
+    assert not len(holes(period * np.delete(np.arange(100), lost)))
 
 
 @given(st.lists(st.floats(0.0, 9.0), max_size=3), st.integers(0, 100))

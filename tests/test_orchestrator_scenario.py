@@ -225,6 +225,15 @@ def test_without_a_parent_nothing_else_is_told(parent):
     assert "missing" not in line
 
 
+@pytest.mark.parametrize("name", ["x" * 300, f"{'x' * 300}/a.yaml", "a\\0b", "a\\0/b.yaml"])
+def test_a_name_that_no_file_can_have_is_not_found(name):
+    """Names too long and with a NUL are told like any other file that is not there."""
+    (line,) = told(f'extends: "{name}"\ntitle: a')
+    assert line.startswith(
+        f"glide.yaml:1:10: extends: file not found, got '{name.replace('0', 'x00')}'"
+    )
+
+
 def test_an_override_may_open_a_section_or_parameters():
     """Sections and parameters that no file holds can be written; a new component cannot."""
     path = written(MINIMAL)

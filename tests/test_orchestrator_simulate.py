@@ -470,7 +470,7 @@ def test_outputs_that_go_missing_are_an_error_of_the_component():
     component = integrator()
     component.get = lambda names: {"y": 0.0} if component.values["u"] == 0.0 else {}
     trace = fly({"c": component}, events=[EventSpec(0.5, "c.u", 1.0)])
-    assert trace.result.reason.startswith("c at t = 0.500 s: get failed, KeyError: 'y'")
+    assert trace.result.reason.startswith("c at t = 0.500 s: output 'y': is missing")
     assert trace.result.outcome == "component error"
     assert trace.result.counts == {"errors.c": 1}
 
@@ -517,3 +517,75 @@ def test_warnings_are_told_and_counted():
     assert trace.events[0] == (
         0.5, "warning", "plant", "plant at t = 0.500 s: step is done with a Warning",
     )  # fmt: skip
+
+
+LATER = [  # what an output of a type is at first, and later
+    (0.0, True, "wrong type, got bool, expected float"),
+    (0.0, 2**53 + 1, "wrong type, got int, expected float"),
+    (0.0, np.array(1.0), "wrong type, got ndarray, expected float"),
+    (0, 3.7, "wrong type, got float, expected int"),
+    (False, 1, "wrong type, got int, expected bool"),
+]
+
+
+@pytest.mark.parametrize(("first", "later", "what"), LATER)
+def test_a_type_that_changes_in_flight_is_an_error_of_the_component(first, later, what):
+    """What is published later is held to the description as the first outputs are."""
+
+    def behave(values, time, _):
+        values["y"] = later if time > 0.35 else first
+
+    component = Scripted("sampled", 10.0, [Row("y", "output", first)], behave)
+    trace = fly({"c": component})
+    assert trace.result.reason == f"c at t = 0.400 s: output 'y': {what}"
+
+
+@pytest.mark.parametrize("first", [0.0, 0, np.float32(0.0)])
+def test_numbers_are_pythons_whatever_comes_first(first):
+    """What converts without loss is converted at every publishing: successors compute the same."""
+
+    def behave(values, time, _):
+        values["y"] = np.float32(0.1)
+
+    component = Scripted("sampled", 10.0, [Row("y", "output", 0.0)], behave, values={"y": first})
+    kinds = set()
+    reader = gain(10.0, name="reader")
+    take = reader.set
+    reader.set = lambda values: (kinds.update(map(type, values.values())), take(values))
+    fly({"c": component, "reader": reader}, ["c.y -> reader.u"])
+    assert kinds == {float}
+
+
+@pytest.mark.parametrize(
+    ("answer", "what"),
+    [
+        (np.zeros(3), "step answered array([0., 0., 0.]), expected a status 0 to 4"),
+        (2.0, "step answered 2.0, expected a status 0 to 4"),
+        (SystemExit(0), "step failed, SystemExit: 0"),
+    ],
+)
+def test_an_answer_that_is_no_status_and_an_exit_are_errors(answer, what):
+    """Whatever they are: the run ends with a reason, never as if it had been interrupted."""
+    component = counter(10.0)
+
+    def step(time, size):
+        if isinstance(answer, SystemExit):
+            raise answer
+        return answer
+
+    component.step = step
+    result = fly({"c": component}).result
+    assert result.outcome == "component error"
+    assert result.reason.startswith(f"c at t = 0.000 s: {what}")
+
+
+def test_an_item_that_there_is_not_ends_nothing_but_is_an_error():
+    """An enumeration of which the run may end is held to its items."""
+
+    def behave(values, time, _):
+        values["y"] = 7 if time > 0.05 else 0
+
+    rows = [Row("y", "output", 0, items=("going", "done"))]
+    component = Scripted("sampled", 10.0, rows, behave)
+    result = fly({"c": component}, end_on=("c.y",)).result
+    assert result.reason == "c at t = 0.100 s: output 'y': not an item, got 7, expected 0 or 1"

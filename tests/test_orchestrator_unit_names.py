@@ -99,6 +99,16 @@ def test_temperatures_have_their_zero(name, cold):
     assert factor * cold + offset == pytest.approx(273.15, rel=1e-12)
 
 
+@pytest.mark.parametrize("name", ["degC", "degF"])
+def test_a_temperature_has_its_zero_however_it_is_spelt(name):
+    """A power of one and brackets change nothing; a product or power is of differences."""
+    for same in (f"{name}1", f"{name}^1", f"({name})", f"({name}1)"):
+        assert read(same) == read(name)
+        assert conversion(Unit(name, *read(name)), Unit(same, *read(same))) in (None, (1.0, 0.0))
+    for other in (f"{name}2", f"{name}-1", f"1/{name}", f"{name}.m", f"m/{name}", f"{name}/s"):
+        assert read(other)[2] == 0.0
+
+
 def test_no_prefix_hides_a_named_unit():
     """What could be a prefix and a unit is the named unit: candela, minute, knot, foot, day."""
     for name, same in (("cd", "cd"), ("min", "60 s"), ("kt", "nmi/h"), ("d", "24 h")):

@@ -73,6 +73,12 @@ def test_unknown_dimension():
         conversion(odd, METRE)
 
 
+def test_two_unknown_dimensions_are_not_one():
+    """Units without base unit that differ by name are not joined: nobody knows their ratio."""
+    with pytest.raises(ValueError, match="got 'furlong' .no base unit., expected 'rod'"):
+        conversion(Unit("furlong", None), Unit("rod", None))
+
+
 @given(factors, offsets, factors, offsets, st.floats(-1e6, 1e6))
 def test_there_and_back(factor, offset, other_factor, other_offset, value):
     """Converting there and back gives the value again."""

@@ -10,9 +10,10 @@ from mcap.reader import make_reader
 
 from orchestrator.recording.reader import Recording
 from orchestrator.recording.recorder import Recorder
+from orchestrator.recording.topics import topics
 from orchestrator.scenario.records import EventSpec, RecordingSpec
 from orchestrator.viewing.layout import NAME, layout
-from orchestrator.viewing.plots import pages, recorded, states
+from orchestrator.viewing.plots import pages, planned, recorded, states
 
 POSE = ("north", "east", "down", "phi", "theta", "psi")
 
@@ -177,6 +178,18 @@ def test_a_height_that_changes_is_a_series(tmp_path):
         height = pages(contents)["flight"][0]
         assert height.lines == {}
         assert [f.topic for f in height.fields] == ["/vehicle/outputs", "/mpc/parameters"]
+
+
+def test_a_height_that_an_event_will_change_is_planned_as_a_series():
+    """The layout is made before the flight: what the parameter starts at is no line then either."""
+    height = port("c", "h", causality="parameter", variability="tunable", start=10.0)
+    roles = {"clearance": "c.clearance", "height_agl": "c.h"}
+    lines = []
+    for events in ((), (EventSpec(1.0, "c.h", 5.0),)):
+        system = make_system([port("c", "clearance"), height], roles, events=events)
+        plots = pages(planned(system, topics(system, wall_clock=False)))["flight"]
+        lines.append(plots[0].lines)
+    assert lines == [{"set height": 10.0}, {}]
 
 
 def test_a_recording_without_scene_has_no_layout_attached(tmp_path):

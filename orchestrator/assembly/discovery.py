@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from orchestrator.errors import nearest
+from orchestrator.errors import RAISED, nearest
 from orchestrator.failure import place
 
 GROUP = "hedgehop.components"
@@ -106,7 +106,7 @@ def _imported(name: str, folders: Iterable[Path]) -> object:
                 "a package of one's own is found with PYTHONPATH or 'pip install -e'"
             ) from None
         raise ValueError(f"module {name!r} cannot be imported, {_line(error)}") from error
-    except Exception as error:
+    except RAISED as error:
         line = f"{_line(error)}{place(error)}"
         raise ValueError(f"module {name!r} cannot be imported, {line}") from error
 
@@ -117,5 +117,5 @@ def _nearest_module(name: str) -> str:
     return nearest(name, sorted(known | {module.partition(".")[0] for module in known}))
 
 
-def _line(error: Exception) -> str:
+def _line(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -6,7 +6,7 @@ from threading import Timer
 from typing import Any
 
 from orchestrator.assembly.plan import Plan
-from orchestrator.errors import Problem, ScenarioError
+from orchestrator.errors import RAISED, Problem, ScenarioError
 from orchestrator.failure import failure, place
 from orchestrator.scenario.marks import KeyPath, dotted
 
@@ -30,14 +30,14 @@ def make(
     """
     made = {} if made is None else made
     problems: list[Problem] = []
-    cause: Exception | None = None
+    cause: BaseException | None = None
     for plan in plans:
         if not all(path in made for path in plan.needs):
             continue  # that one has failed, and is reported
         try:
             with announced(str(plan.path[1]), announce):
                 made[plan.path] = plan.factory(**arguments(plan, made))
-        except Exception as error:  # noqa: BLE001  (whatever a component or resource raises)
+        except RAISED as error:
             problems.append(problem(plan, error))
             cause = cause or error
     if problems:
@@ -70,7 +70,7 @@ def announced(name: str, announce: Announce) -> Generator[None]:
         timer.cancel()
 
 
-def problem(plan: Plan, error: Exception) -> Problem:
+def problem(plan: Plan, error: BaseException) -> Problem:
     """Return what a constructor raised; at the parameter that its message begins with, if any.
 
     It refuses by a ValueError, an OSError or an ImportError; everything else is a mistake in it.

@@ -1,7 +1,9 @@
 """What may be changed from outside while a system runs, and to which values."""
 
+import sys
 from collections.abc import Iterable, Mapping
-from typing import Any, get_type_hints
+from dataclasses import replace
+from typing import Any, cast, get_type_hints
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -19,6 +21,7 @@ EXPECTED = {
     "string": "text",
     "binary": "hexadecimal text",
 }  # all others: a whole number
+INTEGERS = {"Integer": "int32"}  # all others: as numpy calls them, in small letters
 
 
 def tunables(ports: Mapping[str, Mapping[str, Port]]) -> dict[str, Port]:
@@ -81,7 +84,7 @@ def parsed(port: Port, raw: object) -> Value:
     Raises
     ------
     ValueError
-        If it is not of the port's type and shape.
+        If it is not of the port's type and shape, or beyond what the type holds.
     """
     if port.items and isinstance(raw, str):
         texts = {text: value for value, text in port.items.items()}
@@ -90,13 +93,18 @@ def parsed(port: Port, raw: object) -> Value:
             raise ValueError(f"no such item, got {raw!r}, expected one of {list(texts)}{near}")
         return texts[raw]
     value = raw
+    if port.shape and isinstance(raw, list):
+        value = _elements(replace(port, shape=()), cast(list[object], raw))
     try:
         if port.kind == "float" and isinstance(raw, int) and not isinstance(raw, bool):
             value = float(raw)
-        elif port.shape and isinstance(raw, list):
-            value = np.array(raw, float if port.kind == "float" else None)
+        elif isinstance(value, list):
+            value = np.array(value, object if port.kind == "binary" else None)
         elif port.kind == "binary" and isinstance(raw, str):
             value = bytes.fromhex(raw)
+    except OverflowError:
+        most = f"{_expected(port)} of at most {sys.float_info.max:.2g}"
+        raise ValueError(f"out of range, got {show(raw)}, expected {most}") from None
     except ValueError:
         value = None
     wanted = np.ndarray if port.shape else PYTHON.get(port.kind, int)
@@ -105,7 +113,19 @@ def parsed(port: Port, raw: object) -> Value:
         is_other = not isinstance(value, wanted) or isinstance(value, bool)
         wrong = f"wrong type, got {show(raw)}, expected {_expected(port)}"
         raise ValueError(wrong if is_other else fault)
+    if port.kind == "integer" and not port.shape:
+        held = np.iinfo(INTEGERS.get(port.type, port.type.lower()))
+        if not held.min <= cast(int, value) <= held.max:
+            raise ValueError(excess(replace(port, min=held.min, max=held.max), cast(int, value)))
     return value  # pyright: ignore[reportReturnType]  (mismatch has checked it)
+
+
+def _elements(port: Port, raw: list[object]) -> list[object]:
+    """Return a list, or a list of lists, of values of a scalar port."""
+    return [
+        _elements(port, cast(list[object], one)) if isinstance(one, list) else parsed(port, one)
+        for one in raw
+    ]
 
 
 def _expected(port: Port) -> str:

@@ -34,6 +34,7 @@ PREFIXED = frozenset(
 )
 USUAL = ("m/s", "m/s2", "rad/s", "km/h", "1/s", "m2", "m3/s", "N.m", "N.s/m", "kg.m2", "kg/m3")
 _POWER = re.compile(r"([A-Za-z%]+)(?:\^?(-?[1-9]))?")
+_ALONE = re.compile(r"\(?([A-Za-z]+)(?:\^?1)?\)?")
 
 Dimension = tuple[int, ...]
 
@@ -65,7 +66,8 @@ def read(name: str) -> tuple[Dimension, float, float]:
         near = f", did you mean {same[0]!r}" if same else nearest(name, known)
         message = f"unknown unit, got {name!r}, expected one as 'N', 'kg.m2' or 'J/(kg.K)'{near}"
         raise ValueError(message) from None
-    return dimension, factor, OFFSETS.get(name, 0.0)
+    alone = _ALONE.fullmatch(name)
+    return dimension, factor, OFFSETS.get(alone[1], 0.0) if alone else 0.0
 
 
 def _quotient(text: str) -> tuple[Dimension, float]:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from orchestrator.assembly.clock import SECOND, period_ns
 from orchestrator.assembly.description import Port, ports
 from orchestrator.component import Component, Execution, Instance, Status, Value
-from orchestrator.errors import CouplingError
+from orchestrator.errors import RAISED, CouplingError
 from orchestrator.failure import failure
 from orchestrator.isolation.process import Process
 
@@ -54,7 +54,7 @@ class Case:
         factory = resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
         try:
             instance = Instance("component", factory(**self.arguments))
-        except Exception as error:
+        except RAISED as error:
             what = failure(error, factory, "constructor")
             raise Broken(what, "construction") from error
         self.made.append(instance)
@@ -78,7 +78,7 @@ class Case:
         """Return an instance's outputs."""
         try:
             return dict(instance.get(names))
-        except Exception as error:
+        except RAISED as error:
             raise Broken(failure(error, instance.component, "get"), "get") from error
 
     def started(self) -> tuple[Instance, dict[str, Port]]:
@@ -95,7 +95,7 @@ class Case:
                 instance.set(inputs)
             call = "initialize"
             instance.initialize(start_time=0.0, stop_time=None, seed=SEED)
-        except Exception as error:
+        except RAISED as error:
             what = failure(error, instance.component, call)
             raise Broken(what, "initialization") from error
         return own
@@ -155,7 +155,7 @@ class Case:
                 status = instance.step(k * size, size)
             except CouplingError as error:
                 raise Broken(_plain(instance, error), "step") from error
-            except Exception as error:
+            except RAISED as error:
                 raise Broken(failure(error, instance.component, "step"), "step") from error
             if status not in (Status.OK, Status.WARNING, Status.DISCARD):
                 raise Broken(f"step at t = {k * size:g} s answered {status!r}", "step")

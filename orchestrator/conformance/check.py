@@ -16,7 +16,7 @@ from typing import Any, Literal
 from orchestrator.component import Component, Value
 from orchestrator.conformance import clauses
 from orchestrator.conformance.case import Broken, Case, NotApplicable, called, is_only
-from orchestrator.errors import ComponentDied, ComponentTimeout, CouplingError
+from orchestrator.errors import RAISED, ComponentDied, ComponentTimeout, CouplingError
 from orchestrator.failure import failure
 from orchestrator.isolation.process import Process
 
@@ -195,7 +195,7 @@ def _checked(name: str, case: Case) -> Clause:
         verdict, detail, stage = "failed", str(error), error.stage
     except CouplingError as error:
         verdict, detail = "failed", str(error)
-    except Exception as error:  # noqa: BLE001  (whatever a component raises is its failure)
+    except RAISED as error:
         verdict, detail = "failed", failure(error, *called(error))
     case.unmake()
     return Clause(name, promise, verdict, detail, stage)

@@ -10,7 +10,7 @@ from orchestrator.assembly.clock import period_ns
 from orchestrator.assembly.description import Port, mismatch, plain
 from orchestrator.component import INTERFACE, Status, Value
 from orchestrator.conformance.case import Broken, Case, NotApplicable, outputs
-from orchestrator.errors import CouplingError
+from orchestrator.errors import RAISED, CouplingError
 from orchestrator.failure import failure
 from orchestrator.run.finite import nonfinite
 
@@ -120,7 +120,7 @@ def set_subsets(case: Case) -> None:
     for name, value in values.items():
         try:
             singly.set({name: value})
-        except Exception as error:
+        except RAISED as error:
             what = failure(error, singly.component, "set")
             raise Broken(f"of {name!r} alone: {what}") from error
     at_once = case.beside(singly, _set_at_once)

@@ -149,7 +149,7 @@ def faults(result: Result, *, has_overruns: bool) -> dict[str, int]:
     return {
         name: count
         for name, count in sorted(result.counts.items())
-        if count and (has_overruns or not name.startswith("overruns."))
+        if count and (has_overruns or not _is_overrun(name))
     }
 
 
@@ -166,7 +166,7 @@ def timing(
     return {
         "update_ms_median": _figure(np.median, update_ms),
         "update_ms_p99": _figure(_p99, update_ms),
-        "deadline_misses": sum(n for name, n in result.counts.items() if name[:9] == "overruns.")
+        "deadline_misses": sum(n for name, n in result.counts.items() if _is_overrun(name))
         if measured
         else None,
         "cpu_ms_per_simulated_s": 1e3 * result.cpu_s / simulated_s
@@ -178,6 +178,11 @@ def timing(
 def mb_per_min(size: int, duration_s: float) -> float | None:
     """Return the size of a recording, given in bytes, per simulated minute; None of no time."""
     return size / 1e6 * 60.0 / duration_s if duration_s else None
+
+
+def _is_overrun(name: str) -> bool:
+    """Whether a count is one of missed deadlines."""
+    return name.startswith("overruns.")
 
 
 def _settled(samples: Samples, settle_s: float) -> NDArray[Any]:

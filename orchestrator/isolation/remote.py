@@ -211,6 +211,7 @@ class Remote:
         self._pending = dict(self._start_inputs)
         self._take(self._ask("initialize", *self._start_arguments))
         self._ask("set_state", state)
+        self._is_stale = True
         self._pending = held
         self._state = state
 
@@ -218,6 +219,8 @@ class Remote:
         """Take over the outputs of an answer, and the state if it is there."""
         found, state = results
         self._is_stale = False
+        if state is not None:
+            self._state = state
         if isinstance(found, tuple):
             error, origin = found
             error.__cause__ = Origin(*origin)
@@ -229,8 +232,6 @@ class Remote:
             new = values[name]
             values[name] = self._values.get(name) if new is None else frozen(new)
         self._values = values
-        if state is not None:
-            self._state = state
 
     def _ask(self, verb: str, *arguments: object) -> Any:
         """Return the answer to one request."""

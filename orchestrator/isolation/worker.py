@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from orchestrator.assembly.make import make
 from orchestrator.assembly.plan import Plan
-from orchestrator.component import Component, Instance, Restorable, Status, Value
+from orchestrator.component import Component, Instance, Restorable, Status, Value, is_status
 from orchestrator.errors import CouplingError, Problem, ScenarioError
 from orchestrator.failure import place
 from orchestrator.isolation.channel import Channel, packed
@@ -117,23 +117,24 @@ class Host:
     def step(self, time: float, step_size: float) -> tuple[int, Results | None]:
         """Step; outputs follow if the step counts."""
         status = self.component.step(time, step_size)
-        return status, self.read() if not status or status == Status.WARNING else None
+        is_good = is_status(status) and status <= Status.WARNING
+        return status, self.read() if is_good else None
 
     def read(self) -> Results:
         """Return the outputs, None for arrays that the parent has, and the state if it is kept.
 
         What a component raises is returned: it is for the parent to raise when it reads.
         """
+        state = cast(Restorable, self.component).get_state() if self._keeps_state else None
         try:
             values = self.component.get(self._names)
             found = [values[name] for name in self._names]
         except Exception as error:  # noqa: BLE001
-            return _carried(error, self.component, "get"), None
+            return _carried(error, self.component, "get"), state
         for i, name in self._arrays:
             value = found[i]
             if isinstance(value, np.ndarray) and not is_new(self._sent, name, value):
                 found[i] = cast(Any, None)
-        state = cast(Restorable, self.component).get_state() if self._keeps_state else None
         return found, state
 
     def set(self, values: Mapping[str, Value]) -> None:

@@ -18,7 +18,7 @@ def refuse_source(out: Path, sources: Iterable[Path]) -> None:
 
 
 @contextmanager
-def whole(out: Path, source: Path) -> Generator[Path]:
+def whole(out: Path, *sources: Path) -> Generator[Path]:
     """Give the path to write to; what is there at the end takes the place of ``out``.
 
     If writing fails, nothing stays and ``out`` is what it was.
@@ -26,16 +26,18 @@ def whole(out: Path, source: Path) -> Generator[Path]:
     Raises
     ------
     ValueError
-        If ``out`` is what is read, ``source``.
+        If ``out`` is one of those that are read, ``sources``.
     OSError
-        If it cannot be written; the message names it.
+        If it cannot be written; the message names it. One that tells of another file stays as it is.
     """
-    refuse_source(out, [source])
+    refuse_source(out, sources)
     partial = out.with_name(f".{out.stem}.part{out.suffix}")
     try:
         yield partial
         partial.replace(out)
     except OSError as error:
+        if error.errno is None or (error.filename or partial) not in (partial, str(partial)):
+            raise  # of reading
         raise OSError(f"{out}: cannot be written, {error.strerror or error}") from error
     finally:
         partial.unlink(missing_ok=True)

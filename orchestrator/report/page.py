@@ -40,7 +40,7 @@ def write_page(recordings: Sequence[Path], out: Path) -> None:
         what = f"too many recordings to tell apart, got {len(recordings)}"
         raise ValueError(f"{out}: {what}, expected at most {MOST_RECORDINGS}")
     text = page(subjects(recordings))
-    with whole(out, recordings[0]) as partial:
+    with whole(out, *recordings) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
 
 

@@ -26,7 +26,7 @@ def figures(subjects: Sequence[Subject]) -> Section:
     rows.append(("optimiser's ladder", [_ladder(each.figures["ladder"]) for each in subjects]))
     faults = [each.figures["faults"] for each in subjects]
     names = dict.fromkeys(name for each in faults for name in each)
-    rows += [(escape(fault(n)), [f"{each.get(n, 0)}" for each in faults]) for n in names]
+    rows += [(fault(n), [f"{each.get(n, 0)}" for each in faults]) for n in names]
     rows = [(text, cells) for text, cells in rows if any(cells)]
     said = [(each, text) for each in subjects for text in omissions(each.recording)]
     notes = "".join(
@@ -34,7 +34,9 @@ def figures(subjects: Sequence[Subject]) -> Section:
         for each, text in said
     )
     if len(subjects) == 1:
-        tiles = "".join(f"<div><dt>{text}</dt><dd>{cells[0]}</dd></div>" for text, cells in rows)
+        tiles = "".join(
+            f"<div><dt>{escape(text)}</dt><dd>{cells[0]}</dd></div>" for text, cells in rows
+        )
         return Section("Figures", html=f"<dl>{tiles}</dl>{notes}")
     table = _table(["", *(each.label for each in subjects)], rows, subjects)
     return Section("Figures", html=table + notes)

@@ -9,7 +9,7 @@ from orchestrator.assembly.clock import SECOND
 from orchestrator.assembly.description import Port, mismatch, plain
 from orchestrator.assembly.system import Link, Operation, Schedule
 from orchestrator.component import Instance, Value
-from orchestrator.errors import ComponentDied, ComponentTimeout, CouplingError
+from orchestrator.errors import RAISED, ComponentDied, ComponentTimeout, CouplingError
 from orchestrator.failure import failure, refusal
 from orchestrator.run.finite import finiteness, nonfinite
 from orchestrator.run.policies import Policies, Step, restarting, retrying
@@ -59,6 +59,7 @@ class Participant:
         self._is_in_service = True  # False for good once a failed component is held
         self._may_read = True  # False while a policy holds the outputs of the last step
         self._outside = outsiders(ports)
+        self._types: list[type] = []  # of outputs that were taken as they are
         self._is_usual = _usual(finiteness(ports), self._outside)
         self._report = report
         self._publish = tuple(listener.outputs for listener in report.listeners)
@@ -99,25 +100,13 @@ class Participant:
             call = "initialize"
             instance.initialize(start_time=0.0, stop_time=stop_time, seed=seed)
             call = "get"
-            values: dict[str, Any] = dict(instance.get(self._outputs))
+            values: Values = dict(instance.get(self._outputs))
         except (ComponentDied, ComponentTimeout):
             raise
-        except Exception as error:
+        except RAISED as error:
             what = (refusal if call == "initialize" else failure)(error, instance.component, call)
             raise CouplingError(what) from error
-        unlike: list[Port] = []
-        for name in self._outputs:
-            port = self._ports[name]
-            value = plain(port, values[name]) if name in values else None
-            fault = mismatch(port, value) if name in values else "is missing"
-            if fault is not None:
-                raise CouplingError(f"output {name!r}: {fault}")
-            if value is not values[name]:
-                unlike.append(port)
-        if unlike:
-            self._get = _converting(self._get, unlike)
-            values |= {port.name: plain(port, values[port.name]) for port in unlike}
-        self.values = values
+        self.values = self._converted(values)
         instance.enter_step_mode()
 
     def wire(self, participants: Mapping[str, "Participant"]) -> None:
@@ -159,7 +148,7 @@ class Participant:
                     self._set(inputs)
                 call = "step"
                 component.begin_step(time_ns / SECOND, self._step_size)
-            except Exception as error:  # noqa: BLE001
+            except RAISED as error:
                 self._fail(time_ns, call, error)
             else:
                 has_begun = True
@@ -172,7 +161,7 @@ class Participant:
             start = perf_counter()
             try:
                 status = component.finish_step()
-            except Exception as error:  # noqa: BLE001
+            except RAISED as error:
                 self._fail(time_ns, "step", error)
                 return
             self._elapsed_s += perf_counter() - start
@@ -192,7 +181,7 @@ class Participant:
         if self._is_in_service:
             try:
                 self._set({name: value})
-            except Exception as error:  # noqa: BLE001  (whatever a component raises is Error)
+            except RAISED as error:
                 self._fail(time_ns, "set", error)
 
     def advance(self, time_ns: int) -> None:
@@ -205,7 +194,7 @@ class Participant:
             return
         try:
             values = self._get(self._outputs)
-        except Exception as error:  # noqa: BLE001
+        except RAISED as error:
             self._fail(time_ns, "get", error)
             return
         if self._latency:
@@ -221,8 +210,10 @@ class Participant:
     def publish(self, time_ns: int, values: Values, is_last: bool = True) -> None:
         """Make outputs valid, unless one is not finite; the last of an instant is told."""
         try:
+            if [*map(type, values.values())] != self._types:  # quicker than a tuple
+                values = self._converted(values)
             fault = None if self._is_usual(values) else self._fault(values)
-        except Exception as error:  # noqa: BLE001  (other names or types than at the start)
+        except RAISED as error:
             self._fail(time_ns, "get", error)
             return
         if fault is not None and not self._is_let_pass(time_ns, *fault):
@@ -235,8 +226,33 @@ class Participant:
                 publish(time_ns, self.name, values)
             for name in self._end_on:
                 if values[name]:
-                    item = self._ports[name].items[cast(int, values[name])]
+                    item = self._ports[name].items.get(cast(int, values[name]))
+                    if item is None:
+                        fault = mismatch(self._ports[name], values[name])
+                        self._fail(time_ns, "get", CouplingError(f"output {name!r}: {fault}"))
+                        return
                     raise Ended(item, f"{at(self.name, time_ns)}: {name!r} is {item!r}")
+
+    def _converted(self, values: Values) -> Values:
+        """Return outputs as the contract has them; what need not be converted is known next time.
+
+        Raises
+        ------
+        CouplingError
+            If one is missing or is not what the description says.
+        """
+        converted: dict[str, Any] = {}
+        for name in self._outputs:
+            port = self._ports[name]
+            value = plain(port, values[name]) if name in values else None
+            fault = mismatch(port, value) if name in values else "is missing"
+            if fault is not None:
+                raise CouplingError(f"output {name!r}: {fault}")
+            converted[name] = value
+        if any(value is not values[name] for name, value in converted.items()):
+            return converted
+        self._types = [*map(type, values.values())]
+        return values
 
     def _fault(self, values: Values) -> tuple[str | None, list[tuple[Port, Value]]]:
         """Return what is not finite, else which outputs are out of range."""
@@ -271,11 +287,11 @@ class Participant:
                 if take is not None and (inputs := take(time_ns)):
                     set_(inputs)
                 call = "get"
-                values = get(names)
-            except Exception as error:  # noqa: BLE001
+                values = get(names) if is_all else {**self.values, **get(names)}
+            except RAISED as error:
                 self._fail(time_ns, call, error)
             else:
-                publish(time_ns, values if is_all else {**self.values, **values}, is_last)
+                publish(time_ns, values, is_last)
 
         return read
 
@@ -294,7 +310,7 @@ class Participant:
                     set_(inputs)
                 call = "step"
                 status = step(time_ns / SECOND, size)
-            except Exception as error:  # noqa: BLE001
+            except RAISED as error:
                 self._fail(time_ns, call, error)
                 return False
             while tries:
@@ -310,7 +326,7 @@ class Participant:
             return False
         return not self._is_timed or self._is_in_time(time_ns)
 
-    def _fail(self, time_ns: int, call: str, error: Exception) -> None:
+    def _fail(self, time_ns: int, call: str, error: BaseException) -> None:
         self._is_in_service = self._may_read = False
         self._policies.failed(time_ns, call, error)
 
@@ -338,16 +354,6 @@ class Participant:
         history.append((time_ns, self.values))
         while len(history) > 1 and history[1][0] <= time_ns - self._longest_delay:
             history.popleft()
-
-
-def _converting(get: Callable[[Any], Any], unlike: Sequence[Port]) -> Callable[[Any], Any]:
-    """Return a ``get`` whose numbers are Python's, where the component's own are not."""
-
-    def get_plain(names: Sequence[str]) -> dict[str, Any]:
-        values = get(names)
-        return values | {p.name: plain(p, values[p.name]) for p in unlike if p.name in values}
-
-    return get_plain
 
 
 def _usual(

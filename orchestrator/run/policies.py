@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from orchestrator.assembly.description import Port
 from orchestrator.component import Instance, Status, Value, is_status
-from orchestrator.errors import ComponentDied, ComponentTimeout
+from orchestrator.errors import RAISED, ComponentDied, ComponentTimeout, CouplingError
 from orchestrator.failure import failure, show
 from orchestrator.run.ranges import excess
 from orchestrator.run.report import Ended, Report, at
@@ -33,29 +33,31 @@ class Policies:
 
     def answered(self, time_ns: int, status: int) -> bool:
         """Deal with what a step answered; return whether its results count."""
-        if is_status(status) and status == Status.OK:
-            return True
-        if is_status(status) and status == Status.WARNING:
-            self._apply(time_ns, "warning", self._said("step is done with a Warning"), "log")
-            return True
-        if status == Status.DISCARD:
-            policy = "hold" if self._spec.on_discard == "hold" else "end"
-            self._apply(time_ns, "discard", self._said("step is refused (Discard)"), policy)
-            return False
-        self._instance.fail(fatal=status == Status.FATAL)
-        policy = "end" if status == Status.FATAL else self._on_error
-        self._apply(time_ns, *self._fault("step", status), policy)
+        known = Status(status) if is_status(status) else None
+        match known:
+            case Status.OK:
+                return True
+            case Status.WARNING:
+                self._apply(time_ns, "warning", self._said("step is done with a Warning"), "log")
+                return True
+            case Status.DISCARD:
+                policy = "hold" if self._spec.on_discard == "hold" else "end"
+                self._apply(time_ns, "discard", self._said("step is refused (Discard)"), policy)
+            case _:
+                self._instance.fail(fatal=known == Status.FATAL)
+                policy = "end" if known == Status.FATAL else self._on_error
+                self._apply(time_ns, *self._fault("step", status), policy)
         return False
 
-    def failed(self, time_ns: int, call: str, error: Exception) -> None:
+    def failed(self, time_ns: int, call: str, error: BaseException) -> None:
         """Deal with an exception of a call: it counts as Error."""
         self._instance.fail()
         self._apply(time_ns, *self._fault(call, error), self._on_error, error)
 
-    def restarted(self, call: str, found: int | Exception) -> None:
+    def restarted(self, call: str, found: int | BaseException) -> None:
         """Report a failure after which a new process goes on."""
         time_ns = self._report.time_ns
-        error = found if isinstance(found, Exception) else None
+        error = found if isinstance(found, BaseException) else None
         self._apply(time_ns, *self._fault(call, found), "log", error)
         self._apply(
             time_ns, "restart", "goes on in a new process, from the last saved state", "log"
@@ -89,7 +91,7 @@ class Policies:
         kind: str,
         what: str,
         policy: Literal["log", "hold", "end"],
-        error: Exception | None = None,
+        error: BaseException | None = None,
     ) -> None:
         """Report a fault and end the run where the policy says so."""
         reason = f"{at(self._spec.name, time_ns)}: {what}"
@@ -101,13 +103,15 @@ class Policies:
         if policy == "end":
             raise Ended("component error", reason) from error
 
-    def _fault(self, call: str, found: int | Exception) -> tuple[str, str]:
+    def _fault(self, call: str, found: int | BaseException) -> tuple[str, str]:
         """Return kind and text of the event for a status or an exception that counts as Error."""
         if isinstance(found, ComponentDied):
             return "died", str(found)
         if isinstance(found, ComponentTimeout):
             return "timeout", str(found)
-        if isinstance(found, Exception):
+        if isinstance(found, CouplingError):
+            return "error", str(found)
+        if isinstance(found, BaseException):
             return "error", failure(found, self._instance.component, call)
         if is_status(found):
             return "error", self._said(f"step failed ({Status(found).name.capitalize()})")
@@ -159,17 +163,18 @@ def retrying(component: Any, step: Step, tries: list[int]) -> Step:
 def restarting(
     call: Callable[..., Any],
     restart: Callable[[], None],
-    tell: Callable[[str, int | Exception], None],
+    tell: Callable[[str, int | BaseException], None],
 ) -> Callable[..., Any]:
-    """Return a call that is made once more, in a new process, when it fails."""
+    """Return a call that is made once more, in a new process, when it fails; `step` by its status."""
+    answers_status = call.__name__ == "step"
 
     def call_or_restart(*arguments: object) -> Any:
         try:
             answer = call(*arguments)
-        except Exception as error:  # noqa: BLE001  (whatever a component raises)
+        except RAISED as error:
             found = error
         else:
-            if not isinstance(answer, int) or answer < Status.ERROR:
+            if not answers_status or (is_status(answer) and answer < Status.ERROR):
                 return answer
             found = answer
         tell(call.__name__, found)

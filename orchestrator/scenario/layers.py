@@ -8,6 +8,7 @@ merge, everything else replaces, ``null`` removes what a parent wrote. An overri
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from stat import S_ISDIR, S_ISREG
 
 from orchestrator.errors import nearest
 from orchestrator.scenario.marks import Fault, KeyPath, Mark, Node
@@ -71,26 +72,35 @@ def _parents(extends: Node, chain: tuple[Path, ...], faults: list[Fault]) -> Ite
         name = node.plain()
         folder = chain[-1].parent
         file = next(
-            (one / str(name) for one in (folder, installed()) if (one / str(name)).is_file()),
+            (one / str(name) for one in (folder, installed()) if S_ISREG(_mode(one / str(name)))),
             folder / str(name),
         )
         above = [link.resolve() for link in chain]
         if not isinstance(name, str):
             what = f"not a file name, got {name!r}, expected one or a list of them"
+        elif not S_ISREG(_mode(file)):
+            folders = [one for one in (file.parent, installed()) if S_ISDIR(_mode(one))]
+            known = [one.name for each in folders for one in each.glob("*.y*ml")]
+            where = f"a file relative to {chain[-1]} or an installed scenario"
+            what = f"file not found, got {name!r}, expected {where}{nearest(file.name, known)}"
         elif file.resolve() in above:
             cycle = [*chain[above.index(file.resolve()) :], file]
             what = f"a cycle, got {' -> '.join(map(str, cycle))}, expected files that end"
         elif len(chain) > MAX_EXTENDS:
             what = f"too deep, got {len(chain)} files on top of each other, expected {MAX_EXTENDS}"
-        elif not file.is_file():
-            known = [one.name for each in (file.parent, installed()) for one in each.glob("*.y*ml")]
-            where = f"a file relative to {chain[-1]} or an installed scenario"
-            what = f"file not found, got {name!r}, expected {where}{nearest(file.name, known)}"
         else:
             yield file
             continue
         faults.append(Fault(node.mark, f"extends: {what}", ("extends",)))
         yield None
+
+
+def _mode(path: Path) -> int:
+    """Return what a path leads to, as ``stat`` says; 0 if to nothing, as names that cannot be do."""
+    try:
+        return path.stat().st_mode
+    except (OSError, ValueError):
+        return 0
 
 
 def merge(base: Node, top: Node) -> Node:

@@ -4,11 +4,13 @@ import math
 import struct
 from collections.abc import Mapping
 from dataclasses import replace
+from numbers import Integral
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, NamedTuple
 
 TIMES = struct.Struct("=dd")
+KINDS = {"reals": "fiu", "integers": "iu", "strings": "U"}  # of numpy, by buffer
 
 
 def decode(value: Any, folder: Path) -> Any:
@@ -39,7 +41,8 @@ class Variable(NamedTuple):
         """Return the value, as the component contract has it."""
         if self.shape:
             values = buffers[self.buffer][self.at : self.at + math.prod(self.shape)]
-            return (values.astype(bool) if self.boolean else values).reshape(self.shape)
+            kind = bool if self.boolean else str if self.buffer == "strings" else values.dtype
+            return values.astype(kind).reshape(self.shape)
         value = buffers[self.buffer][self.at]
         if self.boolean:
             return bool(value)
@@ -51,17 +54,25 @@ class Variable(NamedTuple):
         Raises
         ------
         ValueError
-            If it has another shape.
+            If it has another shape or type, or something is lost.
         """
         import numpy as np
 
-        if not self.shape:
-            buffers[self.buffer][self.at] = value
-            return
         array = np.asarray(value)
         if array.shape != self.shape:
             raise ValueError(f"{self.name}: wrong shape, got {array.shape}, expected {self.shape}")
-        buffers[self.buffer][self.at : self.at + array.size] = array.ravel()
+        flat = array.ravel()
+        place = buffers[self.buffer][self.at : self.at + flat.size]
+        fits = array.dtype.kind in ("b" if self.boolean else KINDS[self.buffer])
+        if fits:
+            place[:] = flat
+            pairs = zip(place.tolist(), flat.tolist(), strict=True)  # Python compares exactly
+            fits = all(kept == one or one != one for kept, one in pairs)  # noqa: PLR0124  NaN
+        if not fits:
+            expected = (
+                "bool" if self.boolean else place.dtype if self.buffer != "strings" else "str"
+            )
+            raise ValueError(f"{self.name}: wrong type, got {value!r}, expected {expected}")
 
 
 class Buffers(NamedTuple):
@@ -117,9 +128,18 @@ class Instance:
         return TIMES.pack(*self.span) + self.component.get_state()
 
     def step(self, buffers: Buffers, time: float, step_size: float) -> int:
-        """Advance the component with these inputs; its status."""
+        """Advance the component with these inputs; its status.
+
+        Raises
+        ------
+        ValueError
+            If it answers something else.
+        """
         self.set(buffers)
-        return int(self.component.step(time, step_size))
+        answer = self.component.step(time, step_size)
+        if isinstance(answer, bool) or not (isinstance(answer, Integral) and answer in range(5)):
+            raise ValueError(f"step answered {answer!r}, expected a status 0 to 4")
+        return int(answer)
 
     def get(self, buffers: Buffers) -> None:
         """Write all computed values."""
