@@ -67,6 +67,11 @@ class Port:
         """``float``, ``integer``, ``enumeration``, ``boolean``, ``string`` or ``binary``."""
         return KINDS[self.type]
 
+    @property
+    def unit_suffix(self) -> str:
+        """What follows a value in a text: a space and the unit; nothing for a pure number."""
+        return f" {self.unit.name}" if self.unit and self.unit.name != "1" else ""
+
     def __str__(self) -> str:
         return f"{self.component}.{self.name}"
 

@@ -66,6 +66,5 @@ def _words(left: Group, size: int) -> list[str]:
 def _start(port: Port) -> str:
     if isinstance(port.start, np.ndarray) or port.start is None:
         return str(port)
-    unit = f" {port.unit.name}" if port.unit and port.unit.name != "1" else ""
     value = port.items.get(port.start, port.start) if isinstance(port.start, int) else port.start
-    return f"{port} ({f'{value:g}' if isinstance(value, float) else value}{unit})"
+    return f"{port} ({f'{value:g}' if isinstance(value, float) else value}{port.unit_suffix})"

@@ -71,7 +71,7 @@ def accepted(port: Port, raw: object, bounds: Mapping[str, Any]) -> Value:
             schema = adapter.json_schema()
             wanted = expected(schema, schema, port.name)
             raise ValueError(
-                f"out of range, got {value}{_unit(port)}, expected {wanted}"
+                f"out of range, got {value}{port.unit_suffix}, expected {wanted}"
             ) from error
     return value
 
@@ -132,8 +132,4 @@ def _expected(port: Port) -> str:
     words = EXPECTED.get(port.kind, "a whole number")
     if port.shape:
         return f"a list of shape {' x '.join(map(str, port.shape))}, each {words}"
-    return words + (_unit(port) and f" in{_unit(port)}")
-
-
-def _unit(port: Port) -> str:
-    return f" {port.unit.name}" if port.unit and port.unit.name != "1" else ""
+    return words + (port.unit_suffix and f" in{port.unit_suffix}")

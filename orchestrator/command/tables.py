@@ -33,7 +33,7 @@ FIGURES = {  # metric: what the closing table calls it, format
 
 def flight_table(metrics: Mapping[str, Any], recording: Path | None) -> Table:
     """Return the closing table of a run; figures without a source are left out."""
-    table = _table()
+    table = empty_table()
     table.add_column("figure")
     table.add_column("value", justify="right")
     outcome = f"{metrics['outcome']} after {metrics['duration_s']:g} s"
@@ -67,7 +67,7 @@ def fault(name: str) -> str:
 
 def parameters_table(schema: Mapping[str, Any]) -> Table:
     """Return a component's parameters, from the JSON Schema of its dataclass."""
-    table = _table()
+    table = empty_table()
     for heading in ("name", "unit", "default", "expected", "meaning"):
         table.add_column(heading, overflow="fold")
     needed = schema.get("required", ())
@@ -84,7 +84,7 @@ def parameters_table(schema: Mapping[str, Any]) -> Table:
 
 def components_table(rows: Iterable[tuple[str, str, str]]) -> Table:
     """Return the installed components: name, where they are, what they are."""
-    table = _table()
+    table = empty_table()
     for heading in ("name", "use", "meaning"):
         table.add_column(heading, overflow="fold")
     for row in rows:
@@ -94,7 +94,7 @@ def components_table(rows: Iterable[tuple[str, str, str]]) -> Table:
 
 def clauses_table(clauses: "Iterable[Clause]") -> Table:
     """Return what became of every clause of the contract."""
-    table = _table()
+    table = empty_table()
     for heading in ("clause", "verdict", "promise", "detail"):
         table.add_column(heading, overflow="fold")
     for clause in clauses:
@@ -105,7 +105,7 @@ def clauses_table(clauses: "Iterable[Clause]") -> Table:
 
 def recording_table(info: Mapping[str, Any]) -> Table:
     """Return the topics of a recording."""
-    table = _table()
+    table = empty_table()
     for heading in ("topic", "message", "count", "Hz", "variables"):
         table.add_column(heading, overflow="fold")
     for topic in info["topics"]:
@@ -120,5 +120,6 @@ def recording_table(info: Mapping[str, Any]) -> Table:
     return table
 
 
-def _table() -> Table:
+def empty_table() -> Table:
+    """Return a table without columns, in the style of all that are printed."""
     return Table(box=None, pad_edge=False, header_style="bold")

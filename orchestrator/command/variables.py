@@ -7,6 +7,7 @@ from rich.table import Table
 
 from orchestrator.assembly.description import Port
 from orchestrator.assembly.parameters import TOLD
+from orchestrator.command.tables import empty_table
 from orchestrator.component import Value
 from orchestrator.recording.reader import Recording
 
@@ -102,7 +103,7 @@ def _meaning(port: Port) -> str:
 
 def _table(columns: Mapping[str, Sequence[str]]) -> Table:
     """Return a table of the columns that say something."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = empty_table()
     said = {heading: cells for heading, cells in columns.items() if any(cells)}
     for heading in said:
         table.add_column(heading, overflow="fold")

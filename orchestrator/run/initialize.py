@@ -9,7 +9,6 @@ import numpy as np
 from orchestrator.assembly.clock import SECOND
 from orchestrator.assembly.system import System
 from orchestrator.errors import (
-    RAISED,
     ComponentDied,
     ComponentTimeout,
     CouplingError,
@@ -51,10 +50,8 @@ def initialize(system: System, participants: Participants) -> None:
         seed = component_seed(system.scenario.seed, name)
         try:
             participants[name].initialize(inputs, system.schedule.end_ns / SECOND, seed)
-        except RAISED as error:
-            plain = (CouplingError, ComponentDied, ComponentTimeout)
-            what = error if isinstance(error, plain) else f"{type(error).__name__}: {error}"
-            message = f"component {name!r}: cannot be initialized, {what}"
+        except (CouplingError, ComponentDied, ComponentTimeout) as error:
+            message = f"component {name!r}: cannot be initialized, {error}"
             raise ScenarioError([Problem(("components", name), message)]) from error
 
 

@@ -52,7 +52,7 @@ def excess(port: Port, value: Value) -> str:
     array = np.asarray(value)
     index = tuple(int(i) for i in np.argwhere(~((array >= low) & (array <= high)))[0])
     element = f"[{', '.join(map(str, index))}]" if index else ""
-    unit = f" {port.unit.name}" if port.unit and port.unit.name != "1" else ""
+    unit = port.unit_suffix
     expected = " and ".join(
         f"{word} {bound:g}{unit}"
         for word, bound in (("at least", port.min), ("at most", port.max))
